@@ -147,6 +147,39 @@ def test_our_own_echoes_do_not_hide_how_many_streams_fit(times):
     del outlets
 
 
+def test_what_a_program_sends_before_it_ends_is_taken():
+    """It sends its last values and says so, and closes a moment later: all of it is there before the loss is."""
+    outlets = [
+        pylsl.StreamOutlet(pylsl.StreamInfo("Ends", *kind))
+        for kind in (("ECG", 1, 100, pylsl.cf_float32, "ends-1"), ("Markers", 1, 0, pylsl.cf_string, "ends-2"))
+    ]
+
+    def send(numbers):
+        for number in numbers:
+            outlets[0].push_sample([float(number)])
+
+    def end():
+        send(range(1, 50))
+        outlets[1].push_sample(["end"])
+        time.sleep(0.2)
+        outlets.clear()
+
+    async def listen(items):
+        async with aclosing(device("type='ECG'", "type='Markers'", frame_s=1.0).stream()) as stream:
+            async for item in stream:
+                items.append(item)
+                if isinstance(item, Declared):
+                    send(range(1))
+                elif isinstance(item, Samples) and outlets:
+                    await asyncio.to_thread(end)
+
+    items = []
+    with pytest.raises(DeviceLost, match="outlet is gone"):
+        asyncio.run(listen(items))
+    assert [each.name for each in of(Marked, items)] == ["end"]
+    assert np.concatenate([each.chunk.samples[:, 0] for each in of(Samples, items)]).tolist() == list(range(50))
+
+
 def test_a_stream_whose_rate_is_no_number_is_told():
     """liblsl writes it as no other liblsl reads it: nothing is known of the stream, not even its channels."""
 

@@ -121,6 +121,31 @@ def test_a_gaze_stream_keeps_its_pupils_apart():
     assert (found["pupillometry"].numbers, found["pupillometry"].stream.unit) == ((2, 3), "mm")
 
 
+@pytest.mark.parametrize(
+    ("kind", "labels", "names"),
+    [
+        ("ACC", ("ACC_Z", "ACC_Y", "ACC_X"), ("z", "y", "x")),
+        ("ACC", ("Y", "X", "Z"), ("y", "x", "z")),
+        ("ACC", ("az", "ay", "ax"), ("z", "y", "x")),
+        ("ACC", ("accel Z (g)", "accel X (g)", "accel Y (g)"), ("z", "x", "y")),
+        ("ACC", ("0", "1", "2"), ("x", "y", "z")),
+        ("ACC", ("up", "body", "X"), ("y", "z", "x")),
+        ("ACC", ("hand_x", "head_x", "head_y"), ("x", "y", "z")),
+        ("Pupil", ("pupil_right", "pupil_left"), ("diameter_right", "diameter_left")),
+        ("Pupil", ("RightPupilDiameter", "LeftPupilDiameter"), ("diameter_right", "diameter_left")),
+        ("Pupil", ("PUPIL-R", "PUPIL-L"), ("diameter_right", "diameter_left")),
+        ("Pupil", ("pupil", "confidence"), ("pupil", "confidence")),
+        ("Gaze", ("Y", "X"), ("gaze_y", "gaze_x")),
+        ("Gaze", ("confidence", "GazeX", "GazeY"), ("confidence", "gaze_x", "gaze_y")),
+        ("Gaze", ("valid", "GazeY", "GazeX"), ("confidence", "gaze_y", "gaze_x")),
+    ],
+)
+def test_channels_have_the_name_that_their_label_tells(kind, labels, names):
+    """In whatever order they stand: only what no label tells is named as it stands."""
+    (found,) = picked(xml(kind, [(label, "", "") for label in labels])).values()
+    assert found.stream.channel_names == names
+
+
 EYELINK = ("leftEyeX", "leftEyeY", "rightEyeX", "rightEyeY", "leftPupilArea", "rightPupilArea")
 EYELINK += ("pixelsPerDegreeX", "pixelsPerDegreeY", "eyelink_timestamp", "LSL_timestamp")
 

@@ -214,6 +214,32 @@ def test_what_has_waited_comes_in_messages_that_services_take_in(channels):
     assert max(part.nbytes for part in parts) < MOST_BYTES / 2
 
 
+class Going:
+    """An inlet in which a row waits at each look, and whose outlet goes after so many."""
+
+    channel_format, channel_count = pylsl.cf_int64, 1
+
+    def __init__(self, rows):
+        self._rows = iter(range(rows))
+
+    def pull_chunk(self, timeout, max_samples, as_numpy):
+        for number in self._rows:
+            return np.array([[number]]), np.array([1000 + number / 50])
+        raise pylsl.util.LostError
+
+
+@pytest.mark.parametrize("rows", [(10, 1000), (1000, 10)])
+def test_what_has_come_before_an_outlet_goes_is_handed_on(rows):
+    """liblsl keeps it to itself once it knows: it is looked for often, of the others too, and comes together."""
+    came = []
+    with pytest.raises(pylsl.util.LostError):
+        came.extend(lsl_inlets._gathered([Going(each) for each in rows], 5.0))
+    assert [each.outlet for each in came] == [0, 1]
+    for each in came:
+        assert each.samples[:, 0].tolist() == list(range(len(each.stamps_s)))
+        assert len(each.stamps_s) == pytest.approx(10, abs=1)
+
+
 def test_a_measurement_of_another_clock_than_the_stamps_is_not_passed_on():
     """A sender that stamps with the time of day is not measured by LSL, which knows its machine's uptime."""
     own, foreign = tuned(EEG), tuned(EEG)

@@ -2,6 +2,7 @@
 
 import asyncio
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -216,6 +217,25 @@ def test_losses_of_an_irregular_stream_are_the_counter_s(counter: str, lost: set
     assert {item.lost for item in of(played(FORMS["json"] + TIME + counter + streams, [(1.0, octets)]), "eda")} == lost
 
 
+def test_a_count_tells_losses_beside_a_time_that_jitters() -> None:
+    """At 50 Hz `t` strays by 8 ms, which hides single frames from the kit: the board has counted them."""
+    rng = np.random.default_rng(1)
+    kept = np.flatnonzero((rng.random(3000) > 0.02) | (np.arange(3000) < 50))
+    lines = [b'{"t": %d, "n": %d, "gsr": 1}\n' % (i * 20 + rng.integers(9), i % 256) for i in kept]
+    chunks = [(i / 50, line) for i, line in zip(kept, lines, strict=True)]
+    eda = of(played(FORMS["json"] + TIME + COUNTER + STREAMS, chunks), "eda")
+    assert all(item.times_ns is not None for item in eda)
+    assert sum(item.lost or 0 for item in eda) == kept[-1] + 1 - len(kept)
+
+
+def test_a_count_that_begins_anew_with_the_clock_is_no_loss() -> None:
+    """Reset at 200: to a count of 8 bits alone 55 frames are missing, which its time knows better."""
+    first = [(i / 50, b'{"t": %d, "n": %d, "gsr": 1}\n' % (10**6 + i * 20, i)) for i in range(201)]
+    second = [(10 + i / 50, b'{"t": %d, "n": %d, "gsr": 1}\n' % (i * 20, i)) for i in range(50)]
+    items = played(FORMS["json"] + TIME + COUNTER + STREAMS, first + second)
+    assert {item.lost for item in of(items, "eda")} == {0}
+
+
 @pytest.mark.parametrize("time", ["-1", "Infinity", "null"])
 def test_a_refused_time_hides_no_losses(time: str) -> None:
     """Three lines lost, then one whose time cannot be: four samples are missing before the one behind it."""
@@ -259,6 +279,25 @@ def test_the_clock_goes_on_while_its_description_does(tmp_path: Path, unit: str,
     assert (board._clock is before) == (unit == "ms")
 
 
+def test_a_board_that_was_not_stopped_is_found_in_the_middle_of_a_line(tmp_path: Path) -> None:
+    """The link broke, so it goes on sending: what comes first once it is back is the rest of a line."""
+    config = SerialConfig(sensor_id="b_1", port=f"{tmp_path}/b", board=f"{tmp_path}/board.yaml")
+    Path(config.board).write_text('format: csv\nfields: [gsr]\nstart: "s"\n' + STREAMS.partition("  ppg")[0])
+    board = Board(config, {})
+
+    async def first_value(octets: bytes) -> float:
+        behind = SimpleNamespace(receive=lambda *_: b"", send=lambda _: octets)
+        async with plugged(tmp_path / "b", behind) as link:
+            stream = board.stream()
+            found = await anext(item async for item in stream if isinstance(item, Samples))
+            await stream.aclose()
+            await let_go(link)
+        return float(found.chunk.samples[0, 0])
+
+    assert asyncio.run(first_value(b"512\n" * 5)) == pytest.approx(5.12)
+    assert asyncio.run(first_value(b"12\n" + b"512\n" * 5)) == pytest.approx(5.12)
+
+
 @pytest.mark.parametrize("form", FORMS)
 def test_garbage_is_told_and_passed_over(form: str) -> None:
     """Bytes that are no frame, however many, are errors; the frames after them are taken."""
@@ -270,6 +309,19 @@ def test_garbage_is_told_and_passed_over(form: str) -> None:
     found = [each for each in frames.take(buffer) if not isinstance(each, FrameError)]
     assert len(found) >= 98
     assert found[-1]["gsr"] == 100
+
+
+@pytest.mark.parametrize("more", ["", 'start: "s"\n'])
+@pytest.mark.parametrize("form", ["csv", "pairs"])
+def test_the_rest_of_what_was_too_long_is_no_sample(form: str, more: str) -> None:
+    """Garbage ends within a line: what is left of it after the garbage was told of may look like a whole one."""
+    name, fields = ("gsr:", "") if form == "pairs" else ("", "fields: [gsr]\n")
+    frames = Frames(parse(f"format: {form}\n" + fields + more + STREAMS.partition("  ppg")[0]))
+    whole = f"{name}5\n".encode()
+    pieces = (whole * 2, b"\xff" * 5000, f"{name}12\n".encode() + whole)
+    found = [each for piece in pieces for each in frames.take(bytearray(piece))]
+    assert [each for each in found if not isinstance(each, FrameError)] == [{"gsr": 5.0}] * (2 + bool(more))
+    assert len(found) == 3 + bool(more)
 
 
 def test_cobs_of_long_stretches() -> None:

@@ -89,6 +89,12 @@ def test_a_device_that_keeps_no_constants_has_the_usual_ones(octet):
     assert usual.apply(np.array([[2047 + 83, 2047, 2047]])) == pytest.approx(np.array([[0.0, -1.0, 0.0]]))
 
 
+def test_the_usual_magnetometer_counts_less_along_z():
+    """An LSM303DLHC at 1.3 gauss has 1100 counts along x and y, 980 along z (its data sheet): a gauss is 100 uT."""
+    usual, _ = calibration.kinematic("magnetometer", b"\xff" * 84, calibration.DLHC_PER_GAUSS)
+    assert usual.apply(np.array([[1100, 1100, 980]])) == pytest.approx(np.array([[-100.0, 100.0, -100.0]]))
+
+
 def test_microvolts_follow_the_gain_that_the_converter_says():
     """Gain 4 and 12 at a reference of 2.42 V; the converter's rate is not below that of the sampling."""
     ecg, emg = calibration.EXG_ECG[0], calibration.EXG_EMG[0]

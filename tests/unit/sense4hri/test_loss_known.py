@@ -13,12 +13,22 @@ from sense4hri.outlet import Outlet
 
 def told(rate_hz, *items):
     """What health says of lost samples once these have been published; rate_hz: None where there is no raw."""
-    stream = None if rate_hz is None else Stream(rate_hz, "uS", 0.0, 100.0, 16, ("eda",))
-    outlet = Outlet(SimpleNamespace(metrics=MagicMock(), publisher=MagicMock()), "eda", "box_1", stream)
-    outlet.open("p1")
+    outlet = outlet_of(rate_hz)
     for item in items:
         (outlet.report if isinstance(item, Reported) else outlet.publish)(item)
     return health_message("box_1", State.STREAMING, outlet.nominal_hz, Link(), outlet.counts).lost_samples_total
+
+
+def outlet_of(rate_hz):
+    """An outlet of one channel, open."""
+    made = Outlet(
+        SimpleNamespace(metrics=MagicMock(), publisher=MagicMock()),
+        "eda",
+        "box_1",
+        None if rate_hz is None else Stream(rate_hz, "uS", 0.0, 100.0, 16, ("eda",)),
+    )
+    made.open("p1")
+    return made
 
 
 def samples(device_ns, **given):
@@ -42,3 +52,40 @@ def samples(device_ns, **given):
 def test_a_loss_is_known_by_a_count_or_by_device_time_at_a_rate(rate_hz, items, lost):
     """Reports alone, no samples yet, no device time or no rate tell of no loss, unless the device counts."""
     assert told(rate_hz, *items) == lost
+
+
+def counted(frames, n=10):
+    """What is lost, and gaps, of frames of n at 100 Hz: (device time in s, receipt in s, lost by the count)."""
+    made = outlet_of(100.0)
+    for device_s, received_s, lost in frames:
+        chunk = Chunk(("eda",), np.zeros((n, 1)), round(device_s * 1e9), 10**18 + round(received_s * 1e9))
+        made.publish(Samples("eda", chunk, lost=lost))
+    return made.counts.lost_samples_total, made.counts.gaps_total
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.1, 0.3, 0.6])
+def test_what_count_and_clock_both_tell_is_counted_once(jitter):
+    """A clock that jitters tells of a lost frame some frames after the count has told; it is the same frame."""
+    rng = np.random.default_rng(1)
+    kept = np.flatnonzero((rng.random(2000) > 0.01) | (np.arange(2000) < 100))
+    times_s = 1 + (kept + rng.uniform(0, jitter, len(kept))) / 10
+    missing = np.diff(kept, prepend=-1) - 1
+    frames = zip(times_s, times_s, (10 * missing).tolist(), strict=True)
+    assert counted(frames) == (10 * missing.sum(), np.count_nonzero(missing))
+
+
+def test_what_the_clock_tells_beyond_the_count_is_counted():
+    """A round of 256 frames and four are missing, of which a count of 8 bits tells four; later 100 that it does not."""
+    times_s = np.concatenate([np.arange(20), np.arange(280, 300), np.arange(400, 420)]) / 10
+    lost = [0] * 20 + [40] + [0] * 39
+    assert counted(zip(times_s, times_s, lost, strict=True)) == (3600, 2)
+
+
+def test_a_frame_cut_at_a_hole_is_missed_once():
+    """Each sample has its time, and the device counts: three are missing in the middle of a frame, and no more."""
+    made = outlet_of(100.0)
+    times_ns = np.concatenate([np.arange(1, 21), np.arange(24, 54)]) * 10_000_000
+    for at in range(0, 50, 25):
+        chunk = Chunk(("eda",), np.zeros((25, 1)), int(times_ns[at + 24]), 10**18 + at)
+        made.publish(Samples("eda", chunk, times_ns[at : at + 25], lost=0 if at else 3))
+    assert (made.counts.lost_samples_total, made.counts.gaps_total) == (3, 1)

@@ -5,9 +5,10 @@ from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
-from sense4hri import outlet
+from sense4hri import outlet, wire
 from sense4hri.chunk import Chunk
 from sense4hri.device import Samples, Stream
+from sense4hri.health import Link, State, health_message
 from sense4hri.outlet import Outlet
 
 WALL_NS, DEVICE_NS = 1_700_000_000_000_000_000, 10**12
@@ -58,3 +59,17 @@ def test_a_host_clock_that_is_set_is_no_delay_of_the_link(host: Host, step_s: fl
     assert np.array(latencies_s)[:100] == pytest.approx(steady_s[:100], abs=1e-3)
     assert np.array(latencies_s)[112:] == pytest.approx(steady_s[112:], abs=1e-3)
     assert max(latencies_s) < 0.1
+
+
+@pytest.mark.parametrize("value", [np.inf, -np.inf, 1e31])
+def test_a_number_that_no_message_may_hold_costs_no_other_sample(value: float, opened: Outlet) -> None:
+    """Everybody refuses a message with one: it goes as NaN, its neighbours as they are, is counted and told of."""
+    publish = opened._service.publisher.return_value.publish  # type: ignore[attr-defined]
+    opened.publish(Samples("eda", Chunk(("eda",), np.array([[1.0], [value], [np.nan], [1e30]]), None, WALL_NS)))
+    chunk = wire.chunk_of(publish.call_args.args[0])
+    np.testing.assert_equal(chunk.samples[:, 0], [1.0, np.nan, np.nan, 1e30])
+    told = health_message("box_1", State.STREAMING, 10.0, Link(), opened.counts)
+    assert {each.name: each.values[0] for each in told.extra}["impossible_values_total"] == 1.0
+    assert [reason for reason in told.reasons if "NaN" in reason]
+    opened.publish(Samples("eda", Chunk(("eda",), np.zeros((1, 1)), None, WALL_NS + 1)))
+    assert list(health_message("box_1", State.STREAMING, 10.0, Link(), opened.counts).reasons) == []

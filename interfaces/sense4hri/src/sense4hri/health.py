@@ -52,7 +52,8 @@ class StreamCounts:
     """What came on one stream.
 
     nominal_hz: the declared rate, 0 where there is none. loss_known: whether the newest samples tell what is missing;
-    False until some have come. time_doubt: why the newest frame has no device time though its device sent one.
+    False until some have come. time_doubt: why the newest frame has no device time though its device sent one;
+    value_doubt: why it has NaN where its device sent a number.
     """
 
     nominal_hz: float = 0.0
@@ -62,7 +63,9 @@ class StreamCounts:
     gaps_total: int = 0
     duplicates_total: int = 0
     impossible_times_total: int = 0
+    impossible_values_total: int = 0
     time_doubt: str = ""
+    value_doubt: str = ""
     latency_s: float = math.nan
     last_monotonic_s: float = -math.inf
     arrivals: deque[tuple[float, int]] = field(default_factory=deque)
@@ -131,8 +134,9 @@ def health_message(
         extra=[
             wire.feature("undecodable_frames_total", "1", link.undecodable_frames_total),
             wire.feature("impossible_device_times_total", "1", counts.impossible_times_total),
+            wire.feature("impossible_values_total", "1", counts.impossible_values_total),
         ],
-        reasons=[*why, *([counts.time_doubt] if counts.time_doubt else [])],
+        reasons=[*why, *filter(None, (counts.time_doubt, counts.value_doubt))],
     )
     message.header.frame_id = sensor_id
     stamps.set_time(message.header.stamp, now_ns)

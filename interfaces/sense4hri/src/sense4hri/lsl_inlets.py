@@ -28,6 +28,7 @@ MEASURE_S = 0.5  # how often liblsl is asked for its newest estimate; it makes o
 FIRST_TRY_S, FIRST_TRIES = 0.5, 4
 CLOCK_SILENCE_S = 20.0  # an outlet whose clock has answered before and is silent for so long is gone
 MOST_SAMPLES, MOST_NUMBERS, MOST_TEXTS = 4096, 1 << 17, 64  # taken at once; numbers of all channels
+PULL_S = 0.02  # how often the inlets are emptied: what liblsl holds of an outlet is gone with it
 MOST_SHOWN = 12
 HELD_S, LEAST_HELD, MOST_HELD = 60, 16, 1 << 21  # what an inlet holds of a stream: as long, and of how many samples
 HELD_IRREGULAR = 360  # hundreds of samples
@@ -114,10 +115,39 @@ def _listen(predicates: Sequence[str], frame_s: float) -> Generator[News | None,
     clock = _Clock(inlets[0])
     yield from clock.first()  # what comes meanwhile waits in the inlets
     while True:
-        for number, inlet in enumerate(inlets):
-            yield from _pulled(number, inlet)
+        yield from _gathered(inlets, frame_s)
         yield clock.measured()
-        time.sleep(frame_s)
+
+
+def _gathered(inlets: Sequence[pylsl.StreamInlet], frame_s: float) -> Iterator[Pulled | Told]:
+    """Yield texts as they come, and the samples of frame_s together. Raises LostError, after all that has come."""
+    waiting: list[Pulled] = []
+    gone: LostError | None = None
+    end_s = time.monotonic() + frame_s
+    while not gone and time.monotonic() < end_s:
+        time.sleep(min(PULL_S, frame_s))
+        for number, inlet in enumerate(inlets):
+            try:
+                for news in _pulled(number, inlet):
+                    if isinstance(news, Told):
+                        yield news
+                    else:
+                        waiting.append(news)
+            except LostError as err:
+                gone = err
+    for number, inlet in enumerate(inlets):
+        yield from _joined([each for each in waiting if each.outlet == number], _most(inlet))
+    if gone:
+        raise gone
+
+
+def _joined(parts: Sequence[Pulled], most: int) -> Iterator[Pulled]:
+    """Yield what came of one outlet in as few parts as messages can hold."""
+    if not parts:
+        return
+    samples, stamps_s = np.concatenate([each.samples for each in parts]), np.concatenate([e.stamps_s for e in parts])
+    for at in range(0, len(stamps_s), most):
+        yield Pulled(parts[0].outlet, samples[at : at + most], stamps_s[at : at + most])
 
 
 def _found(predicate: str) -> Generator[None, None, pylsl.StreamInfo]:
@@ -159,8 +189,7 @@ def _xml(info: pylsl.StreamInfo) -> str:
 
 def _pulled(number: int, inlet: pylsl.StreamInlet) -> Iterator[Pulled | Told]:
     """Yield all that waits, in parts of which a message holds one: services refuse more than 4 MiB."""
-    is_text = inlet.channel_format == pylsl.cf_string
-    most = MOST_TEXTS if is_text else max(1, min(MOST_SAMPLES, MOST_NUMBERS // inlet.channel_count))
+    is_text, most = inlet.channel_format == pylsl.cf_string, _most(inlet)
     while True:
         rows, stamps_s = inlet.pull_chunk(timeout=0.0, max_samples=most, as_numpy=True)
         if len(stamps_s):
@@ -172,6 +201,13 @@ def _pulled(number: int, inlet: pylsl.StreamInlet) -> Iterator[Pulled | Told]:
                 yield Pulled(number, rows.astype(kept), stamps_s)
         if len(stamps_s) < most:
             return
+
+
+def _most(inlet: pylsl.StreamInlet) -> int:
+    """Return how many samples are taken at once."""
+    if inlet.channel_format == pylsl.cf_string:
+        return MOST_TEXTS
+    return max(1, min(MOST_SAMPLES, MOST_NUMBERS // inlet.channel_count))
 
 
 def _text(octets: bytes) -> str:

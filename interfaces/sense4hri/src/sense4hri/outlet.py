@@ -6,6 +6,8 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from rclpy.publisher import Publisher
 from sense4hri_msgs.msg import ClockMeasurement as ClockMeasurementMessage
 from sense4hri_msgs.msg import PhysioDeviceFeature, PhysioRaw, StreamHealth
@@ -15,11 +17,14 @@ from sense4hri.chunk import Break, Chunk
 from sense4hri.device import ClockMeasurement, Reported, Samples, Stream, check_rate, check_stream
 from sense4hri.health import Link, State, StreamCounts, health_message, realtime_minus_monotonic_ns
 from sense4hri.holes import Holes
+from sense4hri.intake import LARGEST
 from sense4hri.modalities import modality
 from sense4hri.names import StreamName
+from sense4hri.running_rate import MEMORY_S
 from sense4hri.sample_clock import SampleClock
 from sense4hri.schema import Rule, parameters_of
 from sense4hri.service import Service
+from sense4hri.stamps import SECOND_NS
 from sense4hri.stream_metrics import StreamMetrics
 
 HOST_STEP_NS = 2_000_000  # by which the host's clock must move to have been set
@@ -48,6 +53,7 @@ class Outlet:
         self.stream = stream
         self.counts.nominal_hz = self.nominal_hz
         self._clock = SampleClock(self.nominal_hz)
+        self._counted_only = self._counted_ns = 0  # samples missing by the device's count, not yet by its clock; when
         self._holes = Holes(self.nominal_hz) if self.nominal_hz > 0 else None
 
     @property
@@ -77,13 +83,15 @@ class Outlet:
         if self.stream is None or item.chunk.samples.shape[1] != len(self.stream.channel_names):
             declared = self.stream.channel_names if self.stream else "no raw stream"
             raise ValueError(f"{self._sensor_type} samples of channels {item.chunk.channels}; declared: {declared}")
-        self.counts.time_doubt = ""
+        self.counts.time_doubt = self.counts.value_doubt = ""
+        gaps: list[int] = []
         for chunk in self._parts(item):
-            device_ns = self._possible(chunk.device_ns)
-            named = Chunk(self.stream.channel_names, chunk.samples, device_ns, chunk.received_ns)
+            device_ns, samples = self._possible(chunk.device_ns), self._bearable(chunk.samples)
+            named = Chunk(self.stream.channel_names, samples, device_ns, chunk.received_ns)
             self._publisher("raw", PhysioRaw).publish(wire.octets_of(named, self._sensor_id))
             self._metrics.published(named)
-            self._count(named, item.lost)
+            gaps += self._count(named, item.lost)
+        self._count_missing(gaps, item.lost or 0, item.chunk.received_ns)
 
     def _parts(self, item: Samples) -> list[Chunk]:
         if item.times_ns is None:
@@ -106,6 +114,15 @@ class Outlet:
             self.counts.impossible_times_total += 1
             self.counts.time_doubt = f"the device time {device_ns} ns cannot be: it is given as unknown"
         return device_ns if fits else None
+
+    def _bearable(self, samples: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return samples as everybody takes them; a number that is too large is NaN, is counted and told of."""
+        beyond = np.abs(samples) > LARGEST
+        if not beyond.any():
+            return samples
+        self.counts.impossible_values_total += int(beyond.sum())
+        self.counts.value_doubt = f"a value beyond {LARGEST:g} is given as NaN"
+        return np.where(beyond, np.nan, samples)
 
     def measure(self, measured: ClockMeasurement) -> None:
         """Publish a measurement of the clock, unless its time cannot be; the topic is there from the first one on."""
@@ -131,26 +148,44 @@ class Outlet:
             self._publishers[field] = self._service.publisher(message, self._name.topic(field), profile)
         return self._publishers[field]
 
-    def _count(self, chunk: Chunk, lost: int | None) -> None:
-        """Count a frame. lost: samples missing before it by the device's own count, None where it has none."""
+    def _count(self, chunk: Chunk, lost: int | None) -> list[int]:
+        """Count a frame; return how many samples are missing before it by the clock, none where it continues.
+
+        lost: by the device's own count, None where it has none.
+        """
         timed = self._clock.place(chunk)
         self.counts.loss_known = lost is not None or (chunk.device_ns is not None and self.nominal_hz > 0)
         self.counts.arrived(len(chunk.samples))
         if timed.break_ is Break.DUPLICATE:
             self.counts.duplicates_total += 1
             self._metrics.duplicates.inc()
-        if timed.break_ is Break.GAP or lost:
-            missing = max(timed.lost, lost or 0)
-            self.counts.gaps_total += 1
-            self.counts.lost_samples_total += missing
-            self._metrics.gaps.inc()
-            self._metrics.lost.inc(missing)
         if timed.break_ is Break.RESET:
-            self._floor_s = math.inf
+            self._floor_s, self._counted_only = math.inf, 0
         if chunk.device_ns is not None:
             self.counts.latency_s = self._delay_s(
                 chunk.received_ns * 1e-9, (chunk.received_ns - chunk.device_ns) * 1e-9
             )
+        return [timed.lost] if timed.break_ is Break.GAP else []
+
+    def _count_missing(self, gaps: list[int], by_count: int, received_ns: int) -> None:
+        """Count what is missing by the clock or by the device's count: the larger, and once.
+
+        Where stamps jitter the clock tells some frames later what the count has told at once.
+        """
+        if received_ns - self._counted_ns > MEMORY_S * SECOND_NS:
+            self._counted_only = 0
+        if by_count:
+            self._counted_ns = received_ns
+        by_clock = sum(gaps)
+        missing = max(by_clock - self._counted_only, by_count)
+        self._counted_only = max(0, self._counted_only + by_count - by_clock)
+        if by_clock and missing <= 0:
+            return
+        number = len(gaps) or bool(by_count)
+        self.counts.gaps_total += number
+        self.counts.lost_samples_total += missing
+        self._metrics.gaps.inc(number)
+        self._metrics.lost.inc(missing)
 
     def _delay_s(self, now_s: float, difference_s: float) -> float:
         """Return the delay beyond the smallest one seen; that one is forgotten at 300 ppm, more than clocks drift.

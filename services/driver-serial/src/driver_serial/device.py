@@ -29,6 +29,7 @@ class Board:
     def __init__(self, config: SerialConfig, streams: Mapping[str, Stream]) -> None:
         self._config = config
         self._clock: Clock | None = None  # goes on while the link is away
+        self._started = False  # before, and maybe never stopped
 
     async def stream(self) -> AsyncGenerator[Item, None]:
         """Connect, declare what the file describes, and yield until the board is gone (DeviceLost)."""
@@ -38,7 +39,8 @@ class Board:
         async with connected(self._config.port, described) as (port, arrivals):
             yield Identity(vendor=described.vendor or None, model=described.model or None)
             yield Declared({name: described.stream(name) for name in described.streams})
-            decoder, silence = Decoder(described, self._clock), silence_of(described)
+            decoder, silence = Decoder(described, self._clock, self._started), silence_of(described)
+            self._started = True
             while True:
                 if decoder.patient:
                     port.gather_s, port.enough = GATHER_S, decoder.missing
@@ -70,6 +72,11 @@ class Clock:
         self.round_s = (1 << time.bits) / self._ticks_hz
         self._unwrap = Unwrap(time.bits, self._ticks_hz, *([clock_ns] if clock_ns else []))
 
+    @property
+    def restarts_total(self) -> int:
+        """How often the board has begun anew."""
+        return self._unwrap.restarts_total
+
     def __call__(self, fields: Fields) -> int:
         """Return the time of a frame. Raises FrameError where it has none, or one of too many bits."""
         try:
@@ -87,6 +94,10 @@ class Losses:
 
     def __init__(self, counter: Counter | None) -> None:
         self._counter, self._last = counter, -1
+
+    def begin(self) -> None:
+        """The board was reset: whatever it counts now, nothing is missing."""
+        self._last = -1
 
     def before(self, fields: Fields) -> int | None:
         """Return how many frames are missing before this one. Raises FrameError where it does not count."""
@@ -164,16 +175,16 @@ class Pending:
             self._newest_ns = received_ns + number
             chunk = Chunk(tuple(self._own.channels), rows, newest_ns, self._newest_ns)
             timed = times_ns if times_ns.size and self._own.rate_hz else None
-            yield Samples(self._sensor_type, chunk, timed, self.lost if timed is None else None)
+            yield Samples(self._sensor_type, chunk, timed, self.lost)
             self.lost = None if self.lost is None else 0
         self.rows, self.times_ns = [], []
 
 
 class Decoder:
-    """From what arrives of one connection to what the kit publishes; pure."""
+    """From what arrives of one connection to what the kit publishes; pure. running: the board may send already."""
 
-    def __init__(self, described: Description, clock: Clock | None) -> None:
-        self._frames, self._clock, self._losses = Frames(described), clock, Losses(described.counter)
+    def __init__(self, described: Description, clock: Clock | None, running: bool = False) -> None:
+        self._frames, self._clock, self._losses = Frames(described, running), clock, Losses(described.counter)
         self._pending = [Pending(name, own) for name, own in described.streams.items()]
         self._fastest = max(self._pending, key=lambda each: each.rate_hz)
         regular = all(each.rate_hz for each in self._pending)
@@ -217,7 +228,15 @@ class Decoder:
         if isinstance(fields, FrameError):
             raise fields
         rows = [pending.row(fields) for pending in self._pending]
-        time_ns = self._clock(fields) if self._clock else None
+        time_ns = self._time_ns(fields)
         lost = self._losses.before(fields)  # of frames that are taken: one that is refused is missing before the next
         for pending, row in zip(self._pending, rows, strict=True):
             pending.add(row, time_ns, lost)
+
+    def _time_ns(self, fields: Fields) -> int | None:
+        if self._clock is None:
+            return None
+        before, time_ns = self._clock.restarts_total, self._clock(fields)
+        if self._clock.restarts_total > before:
+            self._losses.begin()
+        return time_ns

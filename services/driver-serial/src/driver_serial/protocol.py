@@ -15,15 +15,15 @@ Fields = Mapping[str, float]
 
 
 class Frames:
-    """Takes the frames of one connection out of what comes."""
+    """Takes the frames of one connection out of what comes. running: the board was sending before its `start`."""
 
-    def __init__(self, described: Description) -> None:
+    def __init__(self, described: Description, running: bool = False) -> None:
         self._described, self._wanted = described, described.wanted
         self._checksum = CHECKSUMS[described.checksum]
         self._layout = struct.Struct(described.layout) if described.format in ("struct", "cobs") else None
         self._joined = False  # a driver that connects in the middle of a frame has seen its end
         rest_may_fit = described.format in ("csv", "pairs") and not self._checksum.size  # `512` cut to `12`
-        self._believes_first = bool(described.start) or not rest_may_fit
+        self._believes_first = not rest_may_fit or (bool(described.start) and not running)
         self._size = len(described.first_octets) + (self._layout.size if self._layout else 0) + self._checksum.size
         self._told = self._size - 1  # bytes to come of a struct that was told of; at first the rest of one
 
@@ -46,6 +46,7 @@ class Frames:
         if len(buffer) > LONGEST:
             yield FrameError(f"{len(buffer)} bytes without an end of a frame ({_shown(buffer)})")
             buffer.clear()
+            self._joined = self._believes_first = False  # what comes next is the rest of it
 
     def _structs(self, buffer: bytearray) -> Iterator[Fields | FrameError]:
         first, size = self._described.first_octets, self._size

@@ -42,7 +42,8 @@ DEFAULTS = {
     "gyroscope": (0.0, ((0, -1, 0), (-1, 0, 0), (0, 0, -1))),
     "magnetometer": (0.0, ((-1, 0, 0), (0, 1, 0), (0, 0, -1))),
 }
-LN_PER_MS2, AHTR_PER_GAUSS, DLHC_PER_GAUSS = 83.0, 667.0, 1100.0
+LN_PER_MS2, AHTR_PER_GAUSS = 83.0, 667.0
+DLHC_PER_GAUSS = (1100.0, 1100.0, 980.0)  # along x, y, z; its data sheet
 GYRO_PER_DPS = {250: 131.0, 500: 65.5, 1000: 32.8, 2000: 16.4}
 UNITS = {"accelerometer": 1.0, "gyroscope": DEGREE_RAD, "magnetometer": STANDARD_GAUSS_UT}
 _PLACES = {"accelerometer": 0, "gyroscope": 1, "magnetometer": 2}
@@ -50,8 +51,10 @@ _SENSITIVITY_SCALE = {"gyroscope": 100.0}
 SENSITIVITY_TRUST = 0.2  # parts differ by some per cent, ranges by a factor of two
 
 
-def kinematic(sensor_type: str, stored: bytes, usual_sensitivity: float) -> tuple[Kinematic, str]:
+def kinematic(sensor_type: str, stored: bytes, usual_sensitivity: float | tuple[float, ...]) -> tuple[Kinematic, str]:
     """Return the constants of one sensor from the answer 2D, and why they are the usual ones where a block is no good.
+
+    usual_sensitivity: of all axes, or of each.
 
     The usual ones are taken where the device keeps none, with nothing said, and where a sensitivity cannot be that of
     the range set. A block: offsets and sensitivities, three big-endian int16 each, then the alignment, nine int8 in
@@ -61,20 +64,24 @@ def kinematic(sensor_type: str, stored: bytes, usual_sensitivity: float) -> tupl
     numbers = np.frombuffer(block[:12], ">i2").astype(np.float64)
     alignment = np.frombuffer(block[12:], "i1").reshape(3, 3) / 100
     sensitivity = numbers[3:] / _SENSITIVITY_SCALE.get(sensor_type, 1.0)
+    usual = np.broadcast_to(np.array(usual_sensitivity), 3)
     none = set(block) in ({0x00}, {0xFF}) or not np.all(sensitivity) or abs(np.linalg.det(alignment)) < 0.1
-    doubt = "" if none else _doubt(sensor_type, sensitivity, usual_sensitivity)
+    doubt = "" if none else _doubt(sensor_type, sensitivity, usual)
     if none or doubt:
         offset, rows = DEFAULTS[sensor_type]
-        numbers, sensitivity, alignment = np.full(3, offset), np.full(3, usual_sensitivity), np.array(rows, float)
+        numbers, sensitivity, alignment = np.full(3, offset), usual, np.array(rows, float)
     return Kinematic(numbers[:3], UNITS[sensor_type] * np.linalg.inv(alignment) / sensitivity), doubt
 
 
-def _doubt(sensor_type: str, sensitivity: Floats, usual: float) -> str:
+def _doubt(sensor_type: str, sensitivity: Floats, usual: Floats) -> str:
     """Say what is wrong where the constants were made for another range, or relative to the local field."""
     if np.all(np.abs(sensitivity / usual - 1) <= SENSITIVITY_TRUST):
         return ""
-    kept = ", ".join(f"{each:g}" for each in sensitivity)
-    return f"{sensor_type}: the device keeps a sensitivity of {kept}, usual in its range is {usual:g}: it is not taken"
+    kept, known = (
+        ", ".join(f"{each:g}" for each in sensitivity),
+        ", ".join(dict.fromkeys(f"{each:g}" for each in usual)),
+    )
+    return f"{sensor_type}: the device keeps a sensitivity of {kept}, usual in its range is {known}: it is not taken"
 
 
 def gsr_ranges(counts: Counts) -> Counts:

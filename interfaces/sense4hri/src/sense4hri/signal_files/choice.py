@@ -17,6 +17,8 @@ from sense4hri.signal_files.units import Scale, canonical
 ENTRY = re.compile(
     r"\s*(?P<type>\w+)\s*(:\s*(?P<columns>[^\[\]]*?))?\s*(\[(?P<unit>[^\[\]]*)\])?\s*(\*\s*(?P<factor>[-+.\deE]+))?\s*"
 )
+WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
+SENSED = "(a|acc|accel|g|gyr|gyro|m|mag|gaze|pupil|diameter)"  # as in `accx`
 CONFIDENCE = "confidence"
 
 
@@ -167,5 +169,25 @@ def _names(sensor_type: str, names: list[str]) -> tuple[str, ...]:
         return tuple(name if name == "ambient" else f"ppg_{number}" for number, name in enumerate(names))
     usual = modality(sensor_type).channels
     without_confidence = tuple(name for name in usual if name != CONFIDENCE)
-    as_contract = [channels for channels in (usual, without_confidence) if len(channels) == len(names)]
-    return as_contract[0] if as_contract and not set(names) <= set(usual) else tuple(names)
+    channels = usual if CONFIDENCE in names or len(names) == len(usual) else without_confidence
+    if len(channels) != len(names) or set(names) <= set(usual):
+        return tuple(names)
+    return _as_labels_tell(names, channels)
+
+
+def _as_labels_tell(names: Sequence[str], channels: tuple[str, ...]) -> tuple[str, ...]:
+    """Return of each name the channel that it tells; those that none tells in order, all where two tell the same."""
+    told = [[channel for channel in channels if _tells(name, channel)] for name in names]
+    known = [each[0] for each in told if len(each) == 1]
+    if len(set(known)) < len(known):
+        return channels
+    rest = (channel for channel in channels if channel not in known)
+    return tuple(each[0] if len(each) == 1 else next(rest) for each in told)
+
+
+def _tells(name: str, channel: str) -> bool:
+    """Return whether a name has the word that tells a channel from its like, or its initial: `x`, `left`."""
+    word = channel.rpartition("_")[2]
+    return any(
+        each.lower() in (word, word[0]) or re.fullmatch(f"{SENSED}{word}", each.lower()) for each in WORD.findall(name)
+    )
