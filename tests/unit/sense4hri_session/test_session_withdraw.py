@@ -445,6 +445,30 @@ def test_the_export_of_a_folder_with_a_dot_in_its_name_is_deleted(session):
     assert list(folder.parent.parent.rglob("*.csv")) == []
 
 
+KILLED = """
+import os, sys
+from sense4hri_session import __main__, export
+getattr(export, sys.argv[1]).write = lambda *given: os.kill(os.getpid(), 9)
+__main__.main([sys.argv[2], "--quiet"])
+"""
+
+
+@pytest.mark.parametrize("during", ["xdf", "bids"])
+def test_an_export_that_was_killed_is_deleted_too(session, during):
+    """It lies beside the recording under a hidden name, with the tables of who withdraws in it, and nobody ends it."""
+    command = [sys.executable, "-c", KILLED, during, str(session)]
+    assert subprocess.run(command, check=False, timeout=400).returncode == -signal.SIGKILL
+    (half,) = session.parent.glob(f".{NAME}_export.*")
+    assert list(half.glob("csv/p1_*"))
+    other = half.with_name(".other_export.x")
+    shutil.copytree(half, other)
+    (other / "session.json").write_text(json.dumps({"parts": [{"folder": "other"}]}))
+    found = withdraw(session, "p1")
+    assert not half.exists()
+    assert f"deleted  {half.name}: an export" in found.files
+    assert list(other.glob("csv/p1_*"))
+
+
 def test_a_copy_to_be_shared_keeps_no_tables_of_who_withdrew(original, tmp_path, capsys):
     """`--share`, then a withdrawal from all: the copy's recording is cleaned, and its tables are gone."""
     folder = place(shutil.copytree(original, tmp_path / "copy"), tmp_path / "root")
@@ -454,6 +478,16 @@ def test_a_copy_to_be_shared_keeps_no_tables_of_who_withdrew(original, tmp_path,
     assert main([str(tmp_path / "root"), "--human", "p1", "--yes", "--quiet"]) == 0
     assert list((tmp_path / "root").rglob("*.csv")) == []
     assert list((tmp_path / "root").rglob("recording/*/*.mcap"))
+
+
+def test_where_the_command_runs_makes_no_difference_to_what_goes(original, tmp_path, capsys, monkeypatch):
+    """Called beside a copy's recording, whose folder is then named without the one above, its tables go as well."""
+    folder = place(shutil.copytree(original, tmp_path / "copy"), tmp_path / "root")
+    assert export_main([str(folder), "--share", "--formats", "csv", "--quiet"]) == 0
+    shared = Path(capsys.readouterr().out.strip().splitlines()[-1])
+    monkeypatch.chdir(shared / "recording")
+    assert main([NAME, "--human", "p1", "--yes", "--quiet"]) == 0
+    assert list(shared.rglob("*.csv")) == []
 
 
 @pytest.fixture

@@ -65,6 +65,7 @@ def _write(session: Session, folder: Path, formats: tuple[str, ...], progress: b
     passes = 1 + bool(flat_formats) + sum(name in formats for name in ("edf", "xdf", "bids"))
     samples = sum(stream.seen.samples for stream in session.streams.values())
     kept = folder / ".kept"
+    _mark(session, folder)
     with (
         tqdm(total=samples * passes, unit=" samples", unit_scale=True, desc="export", disable=not progress) as bar,
         session.kept(kept, bar.update),
@@ -76,6 +77,12 @@ def _write(session: Session, folder: Path, formats: tuple[str, ...], progress: b
     about = json.dumps(summary(session, notes, exported), indent=2, ensure_ascii=False)
     (folder / "session.json").write_text(about + "\n", "utf-8", "backslashreplace")
     return notes
+
+
+def _mark(session: Session, folder: Path) -> None:
+    """Let a withdrawal know the folder as an export of this recording before anything of a person is in it."""
+    (folder / "codebook.csv").touch()
+    (folder / "session.json").write_text(json.dumps({"parts": _parts(session)}), "utf-8", "backslashreplace")
 
 
 def _write_formats(
@@ -143,10 +150,7 @@ def summary(session: Session, notes: list[str], exported: list[Exported]) -> dic
         "recording": session.path.name,
         "start_ns": session.start_ns,
         "end_ns": session.end_ns,
-        "parts": [
-            {"folder": part.path.name, "start_ns": part.first_ns, "end_ns": part.last_ns}
-            for part in session.reader.parts
-        ],
+        "parts": _parts(session),
         "session": session.info,
         "notes": notes,
         "topics": {
@@ -182,6 +186,12 @@ def summary(session: Session, notes: list[str], exported: list[Exported]) -> dic
             for sensor_id, fit in session.clocks.items()
         },
     }
+
+
+def _parts(session: Session) -> list[dict[str, object]]:
+    return [
+        {"folder": part.path.name, "start_ns": part.first_ns, "end_ns": part.last_ns} for part in session.reader.parts
+    ]
 
 
 def _paths(folder: Path, name: str, formats: list[str]) -> tuple[Path | None, Path | None]:
