@@ -684,3 +684,13 @@ def test_what_an_edf_header_has_no_room_for_is_told(study):
         "p1/skin/x_1, EDF: its header has 'trigger_2' for the channel trigger",
         "p1/skin/x_1, EDF: its header has 'a name of more t' for the channel a name of more than sixteen signs",
     ]
+
+
+def test_a_repeated_message_is_in_no_count_of_what_was_exported(study):
+    """session.json has as many samples as the tables, and as the report."""
+    ecg(study)
+    study.messages.insert(50, study.messages[50])
+    session, out = exported(study)
+    told = json.loads((out / "session.json").read_text())["streams"]["p1/ecg/h10_1"]["samples"]
+    (reported,) = summarise(collect([session.path]), START_NS)["streams"]
+    assert told == reported["samples"] == len(pd.read_parquet(out / "parquet" / "p1_ecg_h10_1.parquet")) == 1300

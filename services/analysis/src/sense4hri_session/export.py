@@ -68,13 +68,13 @@ def _write(session: Session, folder: Path, formats: tuple[str, ...], progress: b
     _mark(session, folder)
     with (
         tqdm(total=samples * passes, unit=" samples", unit_scale=True, desc="export", disable=not progress) as bar,
-        session.kept(kept, bar.update),
+        session.kept(kept, bar.update) as placed,
     ):
         notes, exported = _write_formats(session, folder, formats, flat_formats, bar)
     shutil.rmtree(kept)
     notes += [note for note in session.notes if note not in notes]  # some messages are decoded only while it is written
     codebook(session, exported).map(cell).to_csv(folder / "codebook.csv", index=False)
-    about = json.dumps(summary(session, notes, exported), indent=2, ensure_ascii=False)
+    about = json.dumps(summary(session, notes, exported, placed), indent=2, ensure_ascii=False)
     (folder / "session.json").write_text(about + "\n", "utf-8", "backslashreplace")
     return notes
 
@@ -143,8 +143,13 @@ def _is_a_date(start_ns: int, notes: list[str]) -> bool:
     return edf.is_a_date(start_ns)
 
 
-def summary(session: Session, notes: list[str], exported: list[Exported]) -> dict[str, object]:
-    """What a reader has to know of the clocks, the streams, and everything that was recorded."""
+def summary(
+    session: Session, notes: list[str], exported: list[Exported], placed: dict[str, int]
+) -> dict[str, object]:
+    """What a reader has to know of the clocks, the streams, and everything that was recorded.
+
+    placed: samples of each stream, those of repeated messages left out.
+    """
     tables = {topic for item in exported for topic in item.topics}
     return {
         "recording": session.path.name,
@@ -163,7 +168,7 @@ def summary(session: Session, notes: list[str], exported: list[Exported]) -> dic
                 "unit": stream.unit,
                 "sampling_frequency_hz": stream.sampling_frequency_hz,
                 "measured_rate_hz": stream.measured_rate_hz or None,
-                "samples": stream.seen.samples,
+                "samples": placed[key],
                 "undecodable_messages": stream.seen.undecodable,
                 "channel_sets": len(stream.seen.channel_sets),
             }
