@@ -256,8 +256,25 @@ def test_a_repeated_message_of_an_irregular_stream_is_there_once(study, device_t
         device_ns = (100 + second) * SECOND if device_time else 0
         study.raw(key, START_NS + second * SECOND, device_ns, {"pressed": np.array([value])})
     study.raw(key, START_NS + 4 * SECOND + 1, device_ns, {"pressed": np.array([7.0])})
-    _, samples = sense4hri_session.open(study.write())[key].arrays()
+    folder = study.write()
+    _, samples = sense4hri_session.open(folder)[key].arrays()
     np.testing.assert_array_equal(samples.ravel(), [1.0, np.nan, 5.0, 6.0, 7.0, 7.0])
+    (reported,) = make_report(folder)["streams"]
+    assert (reported["samples"], reported["duplicates"], reported["conflicting_stamps"]) == (6, 2, 0)
+
+
+@pytest.mark.parametrize("reset", [False, True])
+def test_samples_that_a_device_sends_once_more_are_there_once(study, reset):
+    """Received anew after newer ones, of the same device time. After a reset the same stamps and values are new."""
+    key, sent = "p1/ecg/h10_1", [*range(100), 60, *range(100, 200), *(range(100) if reset else ())]
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[study.sensor(key, 130.0, "uV", ["ecg"], 14)])
+    for i, device in enumerate(sent, 1):
+        study.raw(key, START_NS + i * SECOND // 10, (device + 1) * SECOND // 10, {"ecg": np.full(13, float(device))})
+    folder = study.write()
+    _, samples = sense4hri_session.open(folder)[key].arrays()
+    assert samples[::13, 0].tolist() == [*range(200), *(range(100) if reset else ())]
+    if not reset:
+        assert make_report(folder)["streams"][0]["samples"] == len(samples)
 
 
 @pytest.mark.parametrize("device_time", [True, False])
