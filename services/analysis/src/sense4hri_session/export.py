@@ -143,9 +143,7 @@ def _is_a_date(start_ns: int, notes: list[str]) -> bool:
     return edf.is_a_date(start_ns)
 
 
-def summary(
-    session: Session, notes: list[str], exported: list[Exported], placed: dict[str, int]
-) -> dict[str, object]:
+def summary(session: Session, notes: list[str], exported: list[Exported], placed: dict[str, int]) -> dict[str, object]:
     """What a reader has to know of the clocks, the streams, and everything that was recorded.
 
     placed: samples of each stream, those of repeated messages left out.
