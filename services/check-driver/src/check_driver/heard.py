@@ -26,7 +26,7 @@ SAME_NS = 1000
 COPIED = "device_timestamp is header.stamp: where the device gives no time it must be zero"
 WENT_BACK = "device_timestamp goes back: was the device restarted, or did its counter wrap?"
 LASTING_S = 10.0
-"""For so long may last what is reported, a fixation or a breath, by the time of its beginning after what began later."""
+"""For so long may last what is reported, a fixation or a breath: told at its end, by the time of its beginning."""
 STEADY = 3
 """Reports, in the time that it is listened to, of what is expected to report again."""
 NEVER_ZERO = ("heart_rate", "rr_interval", "pp_interval", "spo2", "respiration_rate")
