@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
 
+import jsonschema
 import pytest
 from processes import poll
 from sense4hri.errors import ConfigError, Refusal
@@ -19,7 +20,7 @@ from sense4hri.guesses import MOST_WRONG
 from sense4hri.http import LARGEST_BODY, MOST_CONNECTIONS, PATIENCE_S, Http
 from sense4hri.metrics import Metrics
 from sense4hri.schema import parameter
-from sense4hri.shapes import plain, read
+from sense4hri.shapes import plain, read, schema
 
 DEADLINE_S = 20.0
 
@@ -44,6 +45,15 @@ class Wish:
     place: Place | None = None
     kind: str = parameter("a", help="which", choices=("a", "b"))
     anything: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Limited:
+    """What has limits within: a list, and what need not be given."""
+
+    topics: tuple[str, ...] = parameter((), help="", matches="/[a-z]+")
+    what: str | None = parameter(None, help="", choices=("all", "raw"))
+    rates: tuple[float, ...] | None = parameter(None, help="", low=0)
 
 
 @dataclass(frozen=True)
@@ -287,6 +297,33 @@ def test_the_interface_describes_itself(caller):
     assert told["paths"]["/wish"]["post"]["summary"] == "Take a wish."
     for name in re.findall(r"#/components/schemas/(\w+)", json.dumps(told)):
         assert told["components"]["schemas"][name]["type"] == "object"
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "right"),
+    [
+        ("topics", ["/a", "/b"], True),
+        ("topics", ["/a", "b"], False),
+        ("topics", ["/a1"], False),
+        ("what", None, True),
+        ("what", "raw", True),
+        ("what", "none", False),
+        ("rates", None, True),
+        ("rates", [0, 1], True),
+        ("rates", [1, -1], False),
+    ],
+)
+def test_what_the_description_allows_is_what_is_taken(field, value, right):
+    """A rule holds for each entry of a list, as a whole text, and not for null."""
+    known = {}
+    schema(Limited, known)
+    assert jsonschema.Draft202012Validator(known["Limited"]).is_valid({field: value}) == right
+    try:
+        read(Limited, {field: value})
+    except Refusal as err:
+        assert (right, err.field) == (False, field)
+    else:
+        assert right
 
 
 def test_elsewhere_than_on_loopback_it_says_at_once_that_nobody_may_operate(monkeypatch):
