@@ -241,6 +241,16 @@ def test_a_span_that_no_study_has_is_not_put_on_a_grid(study):
     assert not list((out / "edf").iterdir())
 
 
+def test_nobody_is_called_in_bids_as_somebody_else_is_in_the_study(study):
+    """`sub-pa` is `pa` also where there is a `p_a`, which comes before it, and `sub-p2` is `p2`."""
+    for human in ("p_2", "p_a", "pa", "p2"):
+        ecg(study, f"{human}/ecg/h10_{human.replace('_', '0')}", 2)
+    _, out = exported(study, "bids")
+    people = pd.read_csv(out / "bids" / "participants.tsv", sep="\t", index_col="pseudonym")["participant_id"]
+    assert (people["pa"], people["p2"]) == ("sub-pa", "sub-p2")
+    assert people["p_a"] not in people.drop("p_a").tolist()
+
+
 def test_people_and_sensors_whose_labels_are_the_same_have_their_own_files(study):
     """BIDS knows letters and digits only: `p_1` and `p1`, `a_b1` and `ab_1` each have files of their own."""
     for key in ("p_1/ecg/a_b1", "p1/ecg/a_b1", "p1/ecg/ab_1"):

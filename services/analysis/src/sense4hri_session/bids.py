@@ -71,6 +71,8 @@ def write(session: Session, streams: list[Stream], folder: Path) -> Iterator[str
     people = [human for human in session.humans if human != UNASSIGNED]
     yield from _left_out(session, streams, people)
     labels = Names(NO_LABEL, "")
+    for human in sorted(people, key=lambda human: re.search(NO_LABEL, human) is not None):
+        labels.of(human)  # who is called as a label may be has that one: `sub-pa` is `pa`, not `p_a`
     rows = [{"participant_id": f"sub-{labels.of(human)}", "pseudonym": cell(human)} for human in people]
     write_tsv(folder / "participants.tsv", ["participant_id", "pseudonym"], rows)
     write_json(folder / "participants.json", {"pseudonym": {"Description": "human_id in the recording, a pseudonym"}})

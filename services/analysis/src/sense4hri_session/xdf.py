@@ -8,7 +8,7 @@ hold the times with the clock's wander.) Format: <https://github.com/sccn/xdf/wi
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from os import SEEK_CUR
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -183,7 +183,7 @@ def _write_stream(writer: Writer, session: Session, stream: Stream) -> None:
 
 
 def _write_texts(
-    writer: Writer, session: Session, name: str, labels: tuple[str, ...], items: list[tuple[int, tuple[str, ...]]]
+    writer: Writer, session: Session, name: str, labels: tuple[str, ...], items: Sequence[tuple[int, tuple[str, ...]]]
 ) -> None:
     """Write texts as a stream, one text for each of these channels at each time."""
     if not items:
