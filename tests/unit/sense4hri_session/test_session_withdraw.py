@@ -449,7 +449,7 @@ KILLED = """
 import os, sys
 from sense4hri_session import __main__, export
 getattr(export, sys.argv[1]).write = lambda *given: os.kill(os.getpid(), 9)
-__main__.main([sys.argv[2], "--quiet"])
+__main__.main([*sys.argv[2:], "--quiet"])
 """
 
 
@@ -467,6 +467,18 @@ def test_an_export_that_was_killed_is_deleted_too(session, during):
     assert not half.exists()
     assert f"deleted  {half.name}: an export" in found.files
     assert list(other.glob("csv/p1_*"))
+
+
+@pytest.mark.parametrize("named", ["the recording", "all"])
+def test_a_copy_to_be_shared_that_was_killed_is_deleted_too(session, capsys, named):
+    """What was copied so far lies beside the recording under a hidden name; nobody knows of it, so it goes as well."""
+    study = session.parents[1]
+    command = [sys.executable, "-c", KILLED, "bids", str(session), "--share"]
+    assert subprocess.run(command, check=False, timeout=400).returncode == -signal.SIGKILL
+    assert list(session.parent.glob(f".{NAME}_shared.*/*/*.mcap"))
+    assert main([str(session if named == "the recording" else study), "--human", "p1", "--yes", "--quiet"]) == 0
+    (left,) = study.rglob("*.mcap")
+    assert [*study.iterdir(), *left.parents[1].iterdir()] == [left.parents[1], left.parent]
 
 
 def test_a_copy_to_be_shared_keeps_no_tables_of_who_withdrew(original, tmp_path, capsys):

@@ -65,7 +65,7 @@ def _write(session: Session, folder: Path, formats: tuple[str, ...], progress: b
     passes = 1 + bool(flat_formats) + sum(name in formats for name in ("edf", "xdf", "bids"))
     samples = sum(stream.seen.samples for stream in session.streams.values())
     kept = folder / ".kept"
-    _mark(session, folder)
+    mark(folder, _parts(session))
     with (
         tqdm(total=samples * passes, unit=" samples", unit_scale=True, desc="export", disable=not progress) as bar,
         session.kept(kept, bar.update) as placed,
@@ -79,10 +79,10 @@ def _write(session: Session, folder: Path, formats: tuple[str, ...], progress: b
     return notes
 
 
-def _mark(session: Session, folder: Path) -> None:
-    """Let a withdrawal know the folder as an export of this recording before anything of a person is in it."""
+def mark(folder: Path, parts: list[dict[str, object]]) -> None:
+    """Let a withdrawal know the folder as an export of these parts before anything of a person is in it."""
     (folder / "codebook.csv").touch()
-    (folder / "session.json").write_text(json.dumps({"parts": _parts(session)}), "utf-8", "backslashreplace")
+    (folder / "session.json").write_text(json.dumps({"parts": parts}), "utf-8", "backslashreplace")
 
 
 def _write_formats(
