@@ -80,7 +80,7 @@ def _shared(options: argparse.Namespace) -> Path:
     target.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as scratch:
         mark(Path(scratch), [{"folder": folder.name} for folder in folders])
-        copies = share.copy(options.recording, Path(scratch), options.only_this_part)
+        copies = share.copy(options.recording, Path(scratch), options.only_this_part, _progress(options))
         session = sense4hri_session.open(copies[0], _progress(options), options.only_this_part)
         make_report(copies[0])
         _export(session, target, options)
