@@ -313,6 +313,19 @@ def test_a_pseudonym_that_begins_alike_is_another_one(session):
     assert state(folder) == before
 
 
+def test_a_marker_that_is_called_as_a_face_says_what_it_said(study):
+    """The face `1` of p1 goes; the condition `1` is the study's, and p2's answer is p2's. A frame is the face's."""
+    study.raw("p1/ecg/p1_x", START_NS, SECOND, {"ecg": np.zeros(13)})
+    study.add("/humans/physiological/p1/state", "UserState", START_NS, human_id="p1", face_id="1", person_id="7")
+    study.add("/humans/faces/tracked", "hri_msgs/msg/IdsList", START_NS + 1, ids=["1", "2"])
+    header = {"stamp": stamp(START_NS), "frame_id": ""}
+    for human, name, value in (("", "condition_start", "1"), ("p2", "response", "7"), ("", "note", "face_1")):
+        study.add("/study/markers", "Marker", START_NS, header=header, name=name, value=value, human_id=human)
+    opened = sense4hri_session.open(withdraw(study.write(), "p1").now)
+    assert opened.table("/humans/faces/tracked")["ids"].tolist() == [["2"]]
+    assert opened.markers["value"].tolist() == ["1", "7", "(withdrawn)"]
+
+
 def test_exports_in_or_beside_the_folder_are_deleted(session):
     """An export made of the recording goes with it."""
     opened = sense4hri_session.open(session)
