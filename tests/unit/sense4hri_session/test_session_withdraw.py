@@ -313,16 +313,24 @@ def test_a_pseudonym_that_begins_alike_is_another_one(session):
     assert state(folder) == before
 
 
-def test_a_marker_that_is_called_as_a_face_says_what_it_said(study):
+def test_what_is_called_as_a_face_says_what_it_said(study):
     """The face `1` of p1 goes; the condition `1` is the study's, and p2's answer is p2's. A frame is the face's."""
+    metadata = {"condition": "1", "shown": "face_1"}
+    told = {"session_id": "s1", "metadata_json": json.dumps(metadata), "phase": 2}
+    study.add("/study/session", "SessionState", START_NS, **told)
     study.raw("p1/ecg/p1_x", START_NS, SECOND, {"ecg": np.zeros(13)})
     study.add("/humans/physiological/p1/state", "UserState", START_NS, human_id="p1", face_id="1", person_id="7")
     study.add("/humans/faces/tracked", "hri_msgs/msg/IdsList", START_NS + 1, ids=["1", "2"])
     header = {"stamp": stamp(START_NS), "frame_id": ""}
     for human, name, value in (("", "condition_start", "1"), ("p2", "response", "7"), ("", "note", "face_1")):
         study.add("/study/markers", "Marker", START_NS, header=header, name=name, value=value, human_id=human)
-    opened = sense4hri_session.open(withdraw(study.write(), "p1").now)
+    folder = study.write()
+    session = {"session_id": "s1", "metadata": metadata}
+    (folder / "recorder.json").write_text(json.dumps({"format": 1, "state": "complete", "session": session}))
+    opened = sense4hri_session.open(withdraw(folder, "p1").now)
     assert opened.table("/humans/faces/tracked")["ids"].tolist() == [["2"]]
+    assert json.loads(opened.table("/study/session")["metadata_json"][0]) == {"condition": "1"}
+    assert opened.recorders[0].session["metadata"] == {"condition": "1"}
     assert opened.markers["value"].tolist() == ["1", "7", "(withdrawn)"]
 
 

@@ -2,8 +2,8 @@
 
 Two kinds of names. The pseudonym itself is looked for as a whole word in every text. Persons, faces, bodies and voices
 (ROS4HRI) that the recording ties to it, and to nobody else, are looked for as whole texts, alone or as a frame
-(`face_<id>`); in markers as a frame only: a condition may be called `1` as a face is. What the recording does not tie
-is left and said: nothing is guessed.
+(`face_<id>`); in markers and in a session's metadata as a frame only: a condition may be called `1` as a face is. What
+the recording does not tie is left and said: nothing is guessed.
 """
 
 from __future__ import annotations
@@ -122,8 +122,8 @@ class Traces(Pseudonym):
         self._needles = [name.encode() for name in {*self._names, *(name for _, name in self.ids)}]
 
     @cached_property
-    def _in_markers(self) -> Traces:
-        """The same, but that no id alone is a trace."""
+    def typed(self) -> Traces:
+        """The same for what somebody typed, in which no id alone is a trace."""
         traces = copy(self)
         traces._alone = set()
         return traces
@@ -147,12 +147,12 @@ class Traces(Pseudonym):
 
     def is_in(self, value: Any, type_name: str = "") -> bool:
         """True where any text within a value (message of this type, list, JSON) mentions the pseudonym."""
-        traces = self._in_markers if type_name == _MARKER else self
+        traces = self.typed if type_name == _MARKER else self
         return any(traces.mentions(text) for text in texts(value))
 
     def without(self, message: Any, type_name: str) -> Any:
         """The message itself where it has no trace, a copy without, or None where nothing of it may stay."""
-        traces = self._in_markers if type_name == _MARKER else self
+        traces = self.typed if type_name == _MARKER else self
         edited = traces._edit(message, "", type_name.startswith(_OURS))
         return None if edited is _DROP else edited
 
@@ -185,7 +185,7 @@ class Traces(Pseudonym):
         if ours and name in _NAMES:
             return self.name_without(text)
         if ours and name in _JSON:
-            return self.json_without(text)
+            return (self.typed if name == "metadata_json" else self).json_without(text)
         if not self.mentions(text):
             return text
         return f"({GONE})" if ours and name in _FREE_TEXT else _DROP
