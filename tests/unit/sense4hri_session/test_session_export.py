@@ -217,6 +217,13 @@ def test_an_existing_folder_is_left_alone(session, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
+def test_a_file_where_a_folder_must_be_is_named(session, tmp_path):
+    """Below a file there is no folder: that file is there, not the export."""
+    (tmp_path / "notes").write_text("")
+    with pytest.raises(SessionError, match=r"notes/out cannot be made: .*/notes: File exists"):
+        export(session, tmp_path / "notes" / "out")
+
+
 def test_a_failure_leaves_nothing_behind(session, tmp_path, monkeypatch):
     """Where the disk refuses half-way, neither the target nor a half of it is there."""
 

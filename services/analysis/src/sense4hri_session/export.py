@@ -48,7 +48,7 @@ def export(session: Session, target: Path, formats: tuple[str, ...] | None = Non
         target.parent.mkdir(parents=True, exist_ok=True)
         folder = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
     except OSError as err:
-        raise SessionError(f"{target}: {err.strerror}") from err
+        raise SessionError(f"{target} cannot be made: {err.filename or target}: {err.strerror}") from err
     try:
         notes = _write(session, folder, formats, progress)
         folder.chmod(0o777 & ~_umask())
