@@ -382,6 +382,23 @@ def test_a_value_beyond_the_sensors_range_does_not_flatten_edf(study, code, step
     assert any("beyond the sensor's range" in note for note in notes) == told
 
 
+@pytest.mark.parametrize(("code", "ending", "told"), [(0.0, ".edf", False), (7e6, ".bdf", False), (1e12, ".bdf", True)])
+def test_where_no_range_is_told_one_value_does_not_flatten_edf_in_silence(study, code, ending, told):
+    """The usual change in a second is held against the file's steps: 24 bits, and where these are too few a note."""
+    truth = 500 * np.sin(np.arange(1300) / 20)
+    for i in range(100):
+        samples = truth[13 * i : 13 * i + 13].copy()
+        samples[2] += code if i == 50 else 0.0
+        study.raw("p1/ecg/x_1", START_NS + i * SECOND // 10, (i + 10) * SECOND // 10, {"ecg": samples})
+    about = study.sensor("p1/ecg/x_1", 130.0, "uV", ["ecg"], 12)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[about])
+    notes = export(sense4hri_session.open(study.write()), study.parent / "out", ("edf",))
+    (file,) = (study.parent / "out" / "edf").iterdir()
+    assert (file.suffix, any("less than 16 steps of the file" in note for note in notes)) == (ending, told)
+    with pyedflib.EdfReader(str(file)) as reader:
+        assert (np.ptp(reader.readSignal(0)[260:520]) == pytest.approx(1000, abs=5)) != told
+
+
 @pytest.fixture
 def changed(study):
     """Channel a is near 100, b near 200, c near 300: a and b for 20 s, b and c for 10 s, b and a for 10 s."""
