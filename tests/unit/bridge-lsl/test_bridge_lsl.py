@@ -12,6 +12,7 @@ from bridge_lsl.stamping import Model, Stamping, here_ns
 from sense4hri import lsl
 from sense4hri.chunk import Chunk
 from sense4hri.host_clocks import HostClocks
+from sense4hri.lsl_types import channel_type
 from sense4hri.names import StreamName
 from sense4hri.signal_files.units import spelt
 from sense4hri.stream_info import StreamInfo
@@ -55,6 +56,15 @@ def test_no_unit_is_a_number_and_each_is_read_back_as_it_was(unit, written):
     """MNE-LSL takes `1` for a factor of ten: shares of a picture became tens of them."""
     (channel,) = of_raw(StreamInfo(NAME, 130.0, unit), ("a",)).channels
     assert (channel[1], spelt(channel[1])) == (written, unit)
+
+
+def test_the_confidence_of_an_eye_is_no_length():
+    """It is a share from 0 to 1 beside diameters in mm or gaze in pixels."""
+    channels = ("diameter_left", "confidence")
+    outlet = of_raw(StreamInfo(NAME._replace(sensor_type="pupillometry"), 200.0, "mm"), channels)
+    assert [unit for _, unit, _ in outlet.channels] == ["mm", "normalized"]
+    kind, label, unit = outlet.content_type, *outlet.channels[1][:2]
+    assert channel_type(lsl.sensor_type(kind), kind, label, unit) == "pupillometry", "to driver-lsl, too, it is of it"
 
 
 def test_every_number_of_a_features_message_is_a_channel():

@@ -14,7 +14,14 @@ from rcl_interfaces.msg import ParameterType
 from sense4hri.host_clocks import this_host
 from sense4hri.names import StreamName
 from sense4hri.stamps import set_time
-from sense4hri_msgs.msg import PhysioDeviceFeature, PhysioFeature, PhysioRaw, PhysioRawChannel, StreamHealth
+from sense4hri_msgs.msg import (
+    ClockMeasurement,
+    PhysioDeviceFeature,
+    PhysioFeature,
+    PhysioRaw,
+    PhysioRawChannel,
+    StreamHealth,
+)
 
 RATE_HZ, T0_NS = 50.0, 1_700_000_000_000_000_000
 NAME = StreamName("p1", "eda", "box_1")
@@ -168,6 +175,8 @@ def test_right_health_is_right():
         ({"measured_rate_hz": 25.0}, "measured_rate_hz is 25"),
         ({"measured_rate_hz": math.nan}, "measured_rate_hz is nan"),
         ({"samples_total": 0}, "samples_total has grown by 0"),
+        ({"rssi_dbm": -math.inf}, "rssi_dbm is infinite"),
+        ({"latency_s": math.inf}, "latency_s is infinite"),
         ({"realtime_minus_monotonic_ns": 0}, "realtime_minus_monotonic_ns is not"),
     ],
 )
@@ -266,6 +275,14 @@ def test_parameters_are_held_against_the_samples():
         assert sentence in found
 
 
+@pytest.mark.parametrize(("delay_s", "right"), [(0.0, True), (0.05, True), (-0.1, False), (math.inf, False)])
+def test_a_delay_is_a_number_of_seconds(delay_s, right):
+    """0 or above; an infinite one would be subtracted from every time."""
+    heard = Heard(NAME, Findings())
+    parameters.agree({"transport_delay_s": delay_s}, heard, "/driver_box_box_1", heard.findings)
+    assert ["transport_delay_s" in each.what for each in heard.findings.departures()] == [True] * (not right)
+
+
 def test_a_message_is_looked_at_as_it_comes():
     """Channels of unequal length, another frame_id, a heart rate of 0, a unit that is not the contract's."""
     heard = Heard(NAME, Findings())
@@ -296,6 +313,30 @@ def test_a_report_s_device_time_is_no_copy(device_ns, copied):
         heard.device(*stamped(PhysioDeviceFeature(features=features), device_ns))
     found = [each.what for each in heard.findings.departures()]
     assert found == ["device_timestamp is header.stamp: where the device gives no time it must be zero"] * copied
+
+
+@pytest.mark.parametrize(
+    ("device_s", "back"),
+    [((50, 51, 51, 52), 0), ((50, 0, 51), 0), ((50, 45, 52), 0), ((50, 0, 39), 1), ((50, 1, 2), 1)],
+)
+def test_a_report_s_device_time_does_not_go_back(device_s, back):
+    """Two reports may be of one time, one may have none, and a long fixation is told after the blink that it held."""
+    heard = Heard(NAME, Findings())
+    for each in device_s:
+        features = [PhysioFeature(name="contact", unit="1", values=[1.0])]
+        heard.device(*stamped(PhysioDeviceFeature(features=features), each * 10**9))
+    assert ["goes back" in each.what for each in heard.findings.departures()] == [True] * back
+
+
+def test_what_a_device_reports_is_finite():
+    """Infinity is no heart rate, and no half width of a clock's measurement; NaN is right where it cannot be known."""
+    heard = Heard(NAME, Findings())
+    for value in (math.inf, math.nan):
+        features = [PhysioFeature(name="heart_rate", unit="1/min", values=[value])]
+        heard.device(*stamped(PhysioDeviceFeature(features=features)))
+    heard.clock_measurement(*stamped(ClockMeasurement(method="ntp", uncertainty_s=math.inf), 10**9))
+    found = sorted(each.what for each in heard.findings.departures())
+    assert ["is infinite" in found[0], "uncertainty_s" in found[1]] == [True, True]
 
 
 def test_a_share_is_no_percentage():

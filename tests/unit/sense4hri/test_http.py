@@ -9,9 +9,11 @@ import struct
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import Any
 
+import jsonschema
 import pytest
 from processes import poll
 from sense4hri.errors import ConfigError, Refusal
@@ -19,7 +21,7 @@ from sense4hri.guesses import MOST_WRONG
 from sense4hri.http import LARGEST_BODY, MOST_CONNECTIONS, PATIENCE_S, Http
 from sense4hri.metrics import Metrics
 from sense4hri.schema import parameter
-from sense4hri.shapes import plain, read
+from sense4hri.shapes import plain, read, schema
 
 DEADLINE_S = 20.0
 
@@ -44,6 +46,15 @@ class Wish:
     place: Place | None = None
     kind: str = parameter("a", help="which", choices=("a", "b"))
     anything: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Limited:
+    """What has limits within: a list, and what need not be given."""
+
+    topics: tuple[str, ...] = parameter((), help="", matches="/[a-z]+")
+    what: str | None = parameter(None, help="", choices=("all", "raw"))
+    rates: tuple[float, ...] | None = parameter(None, help="", low=0)
 
 
 @dataclass(frozen=True)
@@ -72,7 +83,7 @@ class Caller:
             warn=self.warnings.append,
         )
         self.http.get("/told", lambda: Told(math.nan, Place(math.inf)), Told)
-        self.http.get("/things/{thing}", lambda thing: [thing], list[str])
+        self.http.get("/things/{thing}", self._thing, list[str])
         self.http.post("/wish", self._take, Wish, dict[str, str])
         self.http.post("/things/{thing}/end", self._end, None, dict[str, str])
         if set_up:
@@ -84,6 +95,11 @@ class Caller:
         if wish.name == "busy":
             raise Refusal("not now", status=409)
         return {"name": wish.name}
+
+    def _thing(self, thing: str) -> list[str]:
+        if thing == "!":
+            raise Refusal("'!' is no name of a thing", "thing")
+        return [thing]
 
     def _end(self, thing: str) -> dict[str, str]:
         self.wishes.append(thing)
@@ -287,6 +303,41 @@ def test_the_interface_describes_itself(caller):
     assert told["paths"]["/wish"]["post"]["summary"] == "Take a wish."
     for name in re.findall(r"#/components/schemas/(\w+)", json.dumps(told)):
         assert told["components"]["schemas"][name]["type"] == "object"
+
+
+def test_every_refusal_is_described(caller):
+    """Of a path that names nothing, of a body too long or without its length, as of all others."""
+    paths = caller.ask("GET", "/openapi.json")[1]["paths"]
+    answered = [
+        (caller.ask("GET", "/things/!")[0], paths["/things/{thing}"]["get"]),
+        (caller.ask("POST", "/wish", b" " * (LARGEST_BODY + 1))[0], paths["/wish"]["post"]),
+        (caller.ask("POST", "/wish", b"{}", Transfer_Encoding="chunked")[0], paths["/wish"]["post"]),
+    ]
+    assert [status for status, _ in answered] == [400, 413, 411]
+    assert [str(status) in described["responses"] for status, described in answered] == [True] * 3
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "right"),
+    [
+        ("topics", ["/a", "/b"], True),
+        ("topics", ["/a", "b"], False),
+        ("topics", ["/a1"], False),
+        ("what", None, True),
+        ("what", "raw", True),
+        ("what", "none", False),
+        ("rates", None, True),
+        ("rates", [0, 1], True),
+        ("rates", [1, -1], False),
+    ],
+)
+def test_what_the_description_allows_is_what_is_taken(field, value, right):
+    """A rule holds for each entry of a list, as a whole text, and not for null."""
+    known = {}
+    schema(Limited, known)
+    assert jsonschema.Draft202012Validator(known["Limited"]).is_valid({field: value}) == right
+    with nullcontext() if right else pytest.raises(Refusal, match=field):
+        read(Limited, {field: value})
 
 
 def test_elsewhere_than_on_loopback_it_says_at_once_that_nobody_may_operate(monkeypatch):

@@ -10,6 +10,7 @@ import pytest
 import sense4hri_session
 from hostile import mcap_bytes
 from mcap.reader import make_reader
+from sense4hri_session import share
 from sense4hri_session.__main__ import main
 from sense4hri_session.identities import Identities
 
@@ -73,6 +74,17 @@ def test_nothing_that_is_shared_tells_of_the_lab(telling, tmp_path, capsys):
     assert len(theirs) == 1
     assert theirs[0].arrays()[1].tolist() == ours.arrays()[1].tolist()
     assert theirs[0].name.sensor_id.startswith("device_")
+
+
+def test_a_copy_shows_how_far_it_is(telling, tmp_path, capsys):
+    """It reads and writes the whole recording, as long as an export takes; the bar ends with the last message."""
+    for name in ("shown", "silent"):
+        (tmp_path / name).mkdir()
+    share.copy(telling, tmp_path / "shown", progress=True)
+    total = sum(topic.messages for topic in sense4hri_session.open(telling).reader.topics.values())
+    assert f"{total}/{total}" in capsys.readouterr().err
+    share.copy(telling, tmp_path / "silent")
+    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.parametrize(("topic", "status"), [("/study/sensors", 1), ("/study/host_clocks", 0)])

@@ -241,6 +241,16 @@ def test_a_span_that_no_study_has_is_not_put_on_a_grid(study):
     assert not list((out / "edf").iterdir())
 
 
+def test_nobody_is_called_in_bids_as_somebody_else_is_in_the_study(study):
+    """`sub-pa` is `pa` also where there is a `p_a`, which comes before it, and `sub-p2` is `p2`."""
+    for human in ("p_2", "p_a", "pa", "p2"):
+        ecg(study, f"{human}/ecg/h10_{human.replace('_', '0')}", 2)
+    _, out = exported(study, "bids")
+    people = pd.read_csv(out / "bids" / "participants.tsv", sep="\t", index_col="pseudonym")["participant_id"]
+    assert (people["pa"], people["p2"]) == ("sub-pa", "sub-p2")
+    assert people["p_a"] not in people.drop("p_a").tolist()
+
+
 def test_people_and_sensors_whose_labels_are_the_same_have_their_own_files(study):
     """BIDS knows letters and digits only: `p_1` and `p1`, `a_b1` and `ab_1` each have files of their own."""
     for key in ("p_1/ecg/a_b1", "p1/ecg/a_b1", "p1/ecg/ab_1"):
@@ -484,6 +494,7 @@ def test_a_change_of_wearer_is_an_event_of_those_concerned_in_every_format(study
     texts = {f"{name}: {value}" for _, name, value in rows}
     markers = next(s for s in pyxdf.load_xdf(out / "session.xdf")[0] if s["info"]["name"] == ["markers"])
     assert {row[0] for row in markers["time_series"]} == texts
+    assert {row[1]: row[0] for row in markers["time_series"]} == {h: f"{r[0][1]}: {r[0][2]}" for h, r in truth.items()}
     raw = mne.io.read_raw_edf(out / "edf" / "p2_ecg_h10_1.edf", verbose="error")
     assert "sensor_came: h10_1 went from p1 to p2" in raw.annotations.description
 
@@ -684,3 +695,42 @@ def test_what_an_edf_header_has_no_room_for_is_told(study):
         "p1/skin/x_1, EDF: its header has 'trigger_2' for the channel trigger",
         "p1/skin/x_1, EDF: its header has 'a name of more t' for the channel a name of more than sixteen signs",
     ]
+
+
+def test_a_repeated_message_is_in_no_count_of_what_was_exported(study):
+    """session.json has as many samples as the tables, and as the report."""
+    ecg(study)
+    study.messages.insert(50, study.messages[50])
+    session, out = exported(study)
+    told = json.loads((out / "session.json").read_text())["streams"]["p1/ecg/h10_1"]["samples"]
+    (reported,) = summarise(collect([session.path]), START_NS)["streams"]
+    assert told == reported["samples"] == len(pd.read_parquet(out / "parquet" / "p1_ecg_h10_1.parquet")) == 1300
+
+
+def test_a_list_in_a_table_is_json_to_every_program(study):
+    """The interval after a gap is NaN in the message and null in the table: JSON knows no NaN."""
+    ecg(study)
+    times = [header(at_ns)["stamp"] for at_ns in (SECOND, 2 * SECOND)]
+    intervals = {"peak_timestamps": times, "rr_intervals_ms": [np.nan, 1000.0]}
+    study.add("/humans/physiological/p1/ecg/h10_1/features", "ECG", START_NS + SECOND, **intervals)
+    _, out = exported(study)
+    for table in (
+        pd.read_parquet(out / "parquet" / "p1_ecg_h10_1_features.parquet"),
+        pd.read_csv(out / "csv" / "p1_ecg_h10_1_features.csv"),
+    ):
+        assert table["rr_intervals_ms"].tolist() == ["[null, 1000.0]"]
+
+
+def test_no_cell_of_a_bids_table_is_a_formula_empty_or_broken(study):
+    """A pseudonym, a unit and a marker without a name, as a stranger may send them."""
+    for i in range(60):
+        study.raw("p1/eeg/cap_1", START_NS + i * SECOND // 10, (i + 10) * SECOND // 10, {"Cz": np.full(13, float(i))})
+    about = study.sensor("p1/eeg/cap_1", 130.0, "=1\t2\n", ["Cz"], 24)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[about])
+    study.add("/study/session", "SessionState", START_NS, session_id="s", human_ids=["p1", "=1+1", "a\tb\nc"], phase=2)
+    mark(study, 1, "", "yes")
+    _, out = exported(study, "bids")
+    rows = [line.split("\t") for path in out.rglob("*.tsv") for line in path.read_text().splitlines()[1:]]
+    assert {len(row) for row in rows if row[0].startswith("sub-")} == {2}
+    assert {"'=1+1", "a␉b␊c", "p1", "'=1␉2"} <= {text for row in rows for text in row}
+    assert all(text and not text.startswith("=") for row in rows for text in row)

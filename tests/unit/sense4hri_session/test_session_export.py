@@ -217,6 +217,13 @@ def test_an_existing_folder_is_left_alone(session, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
+def test_a_file_where_a_folder_must_be_is_named(session, tmp_path):
+    """Below a file there is no folder: that file is there, not the export."""
+    (tmp_path / "notes").write_text("")
+    with pytest.raises(SessionError, match=r"notes/out cannot be made: .*/notes: File exists"):
+        export(session, tmp_path / "notes" / "out")
+
+
 def test_a_failure_leaves_nothing_behind(session, tmp_path, monkeypatch):
     """Where the disk refuses half-way, neither the target nor a half of it is there."""
 
@@ -256,8 +263,25 @@ def test_a_repeated_message_of_an_irregular_stream_is_there_once(study, device_t
         device_ns = (100 + second) * SECOND if device_time else 0
         study.raw(key, START_NS + second * SECOND, device_ns, {"pressed": np.array([value])})
     study.raw(key, START_NS + 4 * SECOND + 1, device_ns, {"pressed": np.array([7.0])})
-    _, samples = sense4hri_session.open(study.write())[key].arrays()
+    folder = study.write()
+    _, samples = sense4hri_session.open(folder)[key].arrays()
     np.testing.assert_array_equal(samples.ravel(), [1.0, np.nan, 5.0, 6.0, 7.0, 7.0])
+    (reported,) = make_report(folder)["streams"]
+    assert (reported["samples"], reported["duplicates"], reported["conflicting_stamps"]) == (6, 2, 0)
+
+
+@pytest.mark.parametrize("reset", [False, True])
+def test_samples_that_a_device_sends_once_more_are_there_once(study, reset):
+    """Received anew after newer ones, of the same device time. After a reset the same stamps and values are new."""
+    key, sent = "p1/ecg/h10_1", [*range(100), 60, *range(100, 200), *(range(100) if reset else ())]
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[study.sensor(key, 130.0, "uV", ["ecg"], 14)])
+    for i, device in enumerate(sent, 1):
+        study.raw(key, START_NS + i * SECOND // 10, (device + 1) * SECOND // 10, {"ecg": np.full(13, float(device))})
+    folder = study.write()
+    _, samples = sense4hri_session.open(folder)[key].arrays()
+    assert samples[::13, 0].tolist() == [*range(200), *(range(100) if reset else ())]
+    if not reset:
+        assert make_report(folder)["streams"][0]["samples"] == len(samples)
 
 
 @pytest.mark.parametrize("device_time", [True, False])
@@ -356,6 +380,23 @@ def test_a_value_beyond_the_sensors_range_does_not_flatten_edf(study, code, step
     found = np.interp(time_ns[4:180] / SECOND - begun_s, np.arange(len(values)) / 4, values)
     np.testing.assert_allclose(found, samples[4:180, 0], atol=step_us)
     assert any("beyond the sensor's range" in note for note in notes) == told
+
+
+@pytest.mark.parametrize(("code", "ending", "told"), [(0.0, ".edf", False), (7e6, ".bdf", False), (1e12, ".bdf", True)])
+def test_where_no_range_is_told_one_value_does_not_flatten_edf_in_silence(study, code, ending, told):
+    """The usual change in a second is held against the file's steps: 24 bits, and where these are too few a note."""
+    truth = 500 * np.sin(np.arange(1300) / 20)
+    for i in range(100):
+        samples = truth[13 * i : 13 * i + 13].copy()
+        samples[2] += code if i == 50 else 0.0
+        study.raw("p1/ecg/x_1", START_NS + i * SECOND // 10, (i + 10) * SECOND // 10, {"ecg": samples})
+    about = study.sensor("p1/ecg/x_1", 130.0, "uV", ["ecg"], 12)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[about])
+    notes = export(sense4hri_session.open(study.write()), study.parent / "out", ("edf",))
+    (file,) = (study.parent / "out" / "edf").iterdir()
+    assert (file.suffix, any("less than 16 steps of the file" in note for note in notes)) == (ending, told)
+    with pyedflib.EdfReader(str(file)) as reader:
+        assert (np.ptp(reader.readSignal(0)[260:520]) == pytest.approx(1000, abs=5)) != told
 
 
 @pytest.fixture

@@ -313,6 +313,27 @@ def test_a_pseudonym_that_begins_alike_is_another_one(session):
     assert state(folder) == before
 
 
+def test_what_is_called_as_a_face_says_what_it_said(study):
+    """The face `1` of p1 goes; the condition `1` is the study's, and p2's answer is p2's. A frame is the face's."""
+    metadata = {"condition": "1", "shown": "face_1"}
+    told = {"session_id": "s1", "metadata_json": json.dumps(metadata), "phase": 2}
+    study.add("/study/session", "SessionState", START_NS, **told)
+    study.raw("p1/ecg/p1_x", START_NS, SECOND, {"ecg": np.zeros(13)})
+    study.add("/humans/physiological/p1/state", "UserState", START_NS, human_id="p1", face_id="1", person_id="7")
+    study.add("/humans/faces/tracked", "hri_msgs/msg/IdsList", START_NS + 1, ids=["1", "2"])
+    header = {"stamp": stamp(START_NS), "frame_id": ""}
+    for human, name, value in (("", "condition_start", "1"), ("p2", "response", "7"), ("", "note", "face_1")):
+        study.add("/study/markers", "Marker", START_NS, header=header, name=name, value=value, human_id=human)
+    folder = study.write()
+    session = {"session_id": "s1", "metadata": metadata}
+    (folder / "recorder.json").write_text(json.dumps({"format": 1, "state": "complete", "session": session}))
+    opened = sense4hri_session.open(withdraw(folder, "p1").now)
+    assert opened.table("/humans/faces/tracked")["ids"].tolist() == [["2"]]
+    assert json.loads(opened.table("/study/session")["metadata_json"][0]) == {"condition": "1"}
+    assert opened.recorders[0].session["metadata"] == {"condition": "1"}
+    assert opened.markers["value"].tolist() == ["1", "7", "(withdrawn)"]
+
+
 def test_exports_in_or_beside_the_folder_are_deleted(session):
     """An export made of the recording goes with it."""
     opened = sense4hri_session.open(session)
@@ -445,6 +466,42 @@ def test_the_export_of_a_folder_with_a_dot_in_its_name_is_deleted(session):
     assert list(folder.parent.parent.rglob("*.csv")) == []
 
 
+KILLED = """
+import os, sys
+from sense4hri_session import __main__, export
+getattr(export, sys.argv[1]).write = lambda *given: os.kill(os.getpid(), 9)
+__main__.main([*sys.argv[2:], "--quiet"])
+"""
+
+
+@pytest.mark.parametrize("during", ["xdf", "bids"])
+def test_an_export_that_was_killed_is_deleted_too(session, during):
+    """It lies beside the recording under a hidden name, with the tables of who withdraws in it, and nobody ends it."""
+    command = [sys.executable, "-c", KILLED, during, str(session)]
+    assert subprocess.run(command, check=False, timeout=400).returncode == -signal.SIGKILL
+    (half,) = session.parent.glob(f".{NAME}_export.*")
+    assert list(half.glob("csv/p1_*"))
+    other = half.with_name(".other_export.x")
+    shutil.copytree(half, other)
+    (other / "session.json").write_text(json.dumps({"parts": [{"folder": "other"}]}))
+    found = withdraw(session, "p1")
+    assert not half.exists()
+    assert f"deleted  {half.name}: an export" in found.files
+    assert list(other.glob("csv/p1_*"))
+
+
+@pytest.mark.parametrize("named", ["the recording", "all"])
+def test_a_copy_to_be_shared_that_was_killed_is_deleted_too(session, capsys, named):
+    """What was copied so far lies beside the recording under a hidden name; nobody knows of it, so it goes as well."""
+    study = session.parents[1]
+    command = [sys.executable, "-c", KILLED, "bids", str(session), "--share"]
+    assert subprocess.run(command, check=False, timeout=400).returncode == -signal.SIGKILL
+    assert list(session.parent.glob(f".{NAME}_shared.*/*/*.mcap"))
+    assert main([str(session if named == "the recording" else study), "--human", "p1", "--yes", "--quiet"]) == 0
+    (left,) = study.rglob("*.mcap")
+    assert [*study.iterdir(), *left.parents[1].iterdir()] == [left.parents[1], left.parent]
+
+
 def test_a_copy_to_be_shared_keeps_no_tables_of_who_withdrew(original, tmp_path, capsys):
     """`--share`, then a withdrawal from all: the copy's recording is cleaned, and its tables are gone."""
     folder = place(shutil.copytree(original, tmp_path / "copy"), tmp_path / "root")
@@ -454,6 +511,16 @@ def test_a_copy_to_be_shared_keeps_no_tables_of_who_withdrew(original, tmp_path,
     assert main([str(tmp_path / "root"), "--human", "p1", "--yes", "--quiet"]) == 0
     assert list((tmp_path / "root").rglob("*.csv")) == []
     assert list((tmp_path / "root").rglob("recording/*/*.mcap"))
+
+
+def test_where_the_command_runs_makes_no_difference_to_what_goes(original, tmp_path, capsys, monkeypatch):
+    """Called beside a copy's recording, whose folder is then named without the one above, its tables go as well."""
+    folder = place(shutil.copytree(original, tmp_path / "copy"), tmp_path / "root")
+    assert export_main([str(folder), "--share", "--formats", "csv", "--quiet"]) == 0
+    shared = Path(capsys.readouterr().out.strip().splitlines()[-1])
+    monkeypatch.chdir(shared / "recording")
+    assert main([NAME, "--human", "p1", "--yes", "--quiet"]) == 0
+    assert list(shared.rglob("*.csv")) == []
 
 
 @pytest.fixture

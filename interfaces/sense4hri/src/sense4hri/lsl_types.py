@@ -3,6 +3,7 @@
 import re
 
 from sense4hri import lsl
+from sense4hri.signal_files.choice import CONFIDENCE
 from sense4hri.signal_files.guess import type_of
 from sense4hri.signal_files.units import KNOWN, VOLTS, canonical, spelt
 
@@ -38,8 +39,11 @@ def channel_type(kind: str, own: str, label: str, unit: str) -> str:
 def _fits(said: str, label: str, unit: str) -> bool:
     """Return whether a channel can be what it or its stream is said to be: its unit, of an EEG also its label.
 
-    Volts may be of anything: an amplifier gives a belt's or a light sensor's so, without their scale.
+    Volts may be of anything: an amplifier gives a belt's or a light sensor's so, without their scale. A confidence is a
+    share beside samples of any unit.
     """
+    if label == CONFIDENCE:
+        return True
     if spelt(unit) in KNOWN and canonical(said, unit) is None:
         return said not in lsl.CONTENT_TYPES or spelt(unit) in VOLTS
     return said != "eeg" or not any(form.fullmatch(label.strip()) for form in (_OTHER, _TRIGGER, _HOUSEKEEPING))

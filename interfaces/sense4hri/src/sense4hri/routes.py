@@ -14,11 +14,13 @@ from sense4hri.strict_json import parse
 
 _PARAMETER = re.compile(r"\{(\w+)\}")
 REFUSALS = {
-    "400": "the body, or a field of it, is wrong",
+    "400": "the body, a field of it, or what the path names is wrong",
     "401": "a token is missing or wrong",
     "403": "this token, Host or Origin may not",
     "404": "there is no such thing",
     "409": "not now",
+    "411": "the body comes without its length",
+    "413": "the body is too long",
     "415": "the Content-Type is not application/json",
     "429": "too many wrong tokens came from this address",
     "503": "the service did not answer in time",
@@ -113,8 +115,9 @@ class Routes:
 
 def _operation(route: Route, schemas: dict[str, Any], refused: dict[str, Any]) -> dict[str, Any]:
     said = (inspect.getdoc(route.handler) or "").partition("\n")[0]
-    statuses = ["401", "403", "429", "503"] + (["400", "409", "415"] if route.method != "GET" else [])
-    statuses += ["404"] if _PARAMETER.search(route.path) else []
+    statuses = {"401", "403", "429", "503"}
+    statuses |= {"400", "409", "411", "413", "415"} if route.method != "GET" else set()
+    statuses |= {"400", "404"} if _PARAMETER.search(route.path) else set()
     told: dict[str, Any] = {
         "summary": said,
         "description": f"Needs the role {route.role.name.lower()}.",

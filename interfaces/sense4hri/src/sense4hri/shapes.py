@@ -140,7 +140,8 @@ def _words(shape: Any) -> str:
 def _dataclass_schema(shape: Any, known: dict[str, Any], answers: bool) -> dict[str, Any]:
     hints, properties, required = get_type_hints(shape), {}, []
     for one in dataclasses.fields(shape):
-        properties[one.name] = schema(hints[one.name], known, answers=answers) | _about(rule_of(one))
+        rule = rule_of(one)
+        properties[one.name] = _bound(schema(hints[one.name], known, answers=answers), _limits(rule)) | _about(rule)
         if answers or (one.default is dataclasses.MISSING and one.default_factory is dataclasses.MISSING):
             required.append(one.name)
     told = {"description": " ".join(shape.__doc__.split())} if shape.__doc__ else {}
@@ -149,10 +150,22 @@ def _dataclass_schema(shape: Any, known: dict[str, Any], answers: bool) -> dict[
 
 def _about(rule: Rule) -> dict[str, Any]:
     text = f"{rule.help}, in {rule.unit}" if rule.unit else rule.help
-    told = {"description": text, "minimum": rule.low, "maximum": rule.high, "pattern": rule.matches}
-    return {key: value for key, value in told.items() if value not in ("", None)} | (
-        {"enum": list(rule.choices)} if rule.choices else {}
-    )
+    return {"description": text} if text else {}
+
+
+def _limits(rule: Rule) -> dict[str, Any]:
+    pattern = f"^(?:{rule.matches})$" if rule.matches else None
+    told = {"minimum": rule.low, "maximum": rule.high, "pattern": pattern, "enum": list(rule.choices) or None}
+    return {key: value for key, value in told.items() if value is not None}
+
+
+def _bound(told: dict[str, Any], limits: dict[str, Any]) -> dict[str, Any]:
+    """Return a field's schema with the limits of its rule: for each entry of a list, and not for null (`_ruled`)."""
+    if "anyOf" in told:
+        return {"anyOf": [_bound(one, limits) for one in told["anyOf"]]}
+    if told.get("type") == "array":
+        return told | {"items": _bound(told["items"], limits)}
+    return told | limits if told.get("type") not in (None, "null", "object") else told
 
 
 def _below(field: str, name: str) -> str:

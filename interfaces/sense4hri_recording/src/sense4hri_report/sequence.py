@@ -15,7 +15,7 @@ from sense4hri.cdr import RawMessage
 from sense4hri.chunk import Break, Chunk
 from sense4hri.sample_clock import UNTIMED_S, SampleClock
 from sense4hri.stamps import SECOND_NS
-from sense4hri_recording.repetitions import MEMORY, content
+from sense4hri_recording.repetitions import MEMORY, content, stamps
 
 from sense4hri_report.doubts import LATE, Doubt, Doubts
 from sense4hri_report.holes import Hole
@@ -49,7 +49,7 @@ class RawAccount(RawFindings):
         self._steps: list[HostStep] = []
         self._jitter: deque[float] = deque(maxlen=4 * EXACT)
         self._doubts = Doubts()
-        self._memory: OrderedDict[int, int] = OrderedDict()
+        self._memory: OrderedDict[tuple[int, ...], int] = OrderedDict()
         self._received_ns = self._log_ns = self._told_ns = 0
         self._channels: tuple[str, ...] = ()
 
@@ -225,15 +225,16 @@ class RawAccount(RawFindings):
 
     def _is_repeated(self, raw: RawMessage) -> bool:
         """True for samples that came already: the same stamp, and the same content unless it comes at once again."""
-        stamp_ns = raw.device_ns or raw.received_ns
-        before = self._memory.get(stamp_ns)
+        assert self._clock is not None
+        stamp_ns, rate_hz = raw.device_ns or raw.received_ns, self._clock.nominal_hz
+        before = self._memory.get(stamps(raw, rate_hz))
         if before is None:
             return False
         if before == content(raw):
             self.duplicates += 1
             self.event(self._ros_ns(stamp_ns), "duplicate", f"{len(raw.samples)} samples came again")
             return True
-        if stamp_ns != self.last_device_ns:
+        if not rate_hz or stamp_ns != self.last_device_ns:
             return False
         self.conflicts += 1
         self.event(raw.received_ns, "conflict", "other samples with the stamp of the message before")
@@ -310,7 +311,8 @@ class RawAccount(RawFindings):
         return round((n - 1) / self.rate_hz * SECOND_NS) if self.rate_hz else 0
 
     def _remember(self, raw: RawMessage) -> None:
-        self._memory[raw.device_ns or raw.received_ns] = content(raw)
+        assert self._clock is not None
+        self._memory[stamps(raw, self._clock.nominal_hz)] = content(raw)
         if len(self._memory) > MEMORY:
             self._memory.popitem(last=False)
 

@@ -15,7 +15,7 @@ from sense4hri_report import make_report
 
 import sense4hri_session
 from sense4hri_session import share
-from sense4hri_session.export import FORMATS, export
+from sense4hri_session.export import FORMATS, export, mark
 from sense4hri_session.session import Session
 
 
@@ -73,13 +73,14 @@ def _tell(notes: Iterable[str]) -> None:
 
 def _shared(options: argparse.Namespace) -> Path:
     """Export a copy that does not tell of the lab, and put the copy, with its reports, beside what was exported."""
-    first = find(options.recording, options.only_this_part)[0]
-    target: Path = options.out or _beside(first, "shared")
+    folders = find(options.recording, options.only_this_part)
+    target: Path = options.out or _beside(folders[0], "shared")
     if target.exists():
         raise SessionError(f"{target} exists already and is left as it is: name another folder")
     target.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as scratch:
-        copies = share.copy(options.recording, Path(scratch), options.only_this_part)
+        mark(Path(scratch), [{"folder": folder.name} for folder in folders])
+        copies = share.copy(options.recording, Path(scratch), options.only_this_part, _progress(options))
         session = sense4hri_session.open(copies[0], _progress(options), options.only_this_part)
         make_report(copies[0])
         _export(session, target, options)

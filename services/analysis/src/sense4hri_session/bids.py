@@ -71,7 +71,9 @@ def write(session: Session, streams: list[Stream], folder: Path) -> Iterator[str
     people = [human for human in session.humans if human != UNASSIGNED]
     yield from _left_out(session, streams, people)
     labels = Names(NO_LABEL, "")
-    rows = [{"participant_id": f"sub-{labels.of(human)}", "pseudonym": human} for human in people]
+    for human in sorted(people, key=lambda human: re.search(NO_LABEL, human) is not None):
+        labels.of(human)  # who is called as a label may be has that one: `sub-pa` is `pa`, not `p_a`
+    rows = [{"participant_id": f"sub-{labels.of(human)}", "pseudonym": cell(human)} for human in people]
     write_tsv(folder / "participants.tsv", ["participant_id", "pseudonym"], rows)
     write_json(folder / "participants.json", {"pseudonym": {"Description": "human_id in the recording, a pseudonym"}})
     task = re.sub(NO_LABEL, "", str(session.info.get("task") or ""))[:60] or "study"
@@ -124,7 +126,7 @@ def _write_events(markers: list[dict[Any, Any]], zero_ns: int, onset: str, task:
         {
             "onset": f"{(row['time_ns'] - zero_ns) * 1e-9:.6f}",
             "duration": "n/a",
-            "trial_type": cell(str(row["name"])),
+            "trial_type": cell(str(row["name"] or "n/a")),
             "value": cell(str(row["value"] or "n/a")),
         }
         for row in markers

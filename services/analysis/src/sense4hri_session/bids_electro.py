@@ -74,7 +74,8 @@ def _place(stream: Stream) -> str:
 
 
 def _channel(stream: Stream, name: str, kind: str) -> dict[str, str]:
-    unit = edf.scaled(stream, UNITS.get(stream.unit, stream.unit)).strip() or NOT_TOLD
+    said = stream.unit_of(name)
+    unit = cell(edf.scaled(stream, UNITS.get(said, said)).strip()) or NOT_TOLD
     return {"name": edf.labels(stream)[name], "type": _type(name, kind), "units": unit, "description": cell(name)}
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sense4hri.cdr import RawMessage
 from sense4hri.chunk import Break, Chunk
 from sense4hri.sample_clock import SampleClock
-from sense4hri_recording.repetitions import MEMORY, content
+from sense4hri_recording.repetitions import MEMORY, content, stamps
 
 from sense4hri_session.clock_fit import ClockFit
 
@@ -71,7 +71,7 @@ class Timeline:
         self._segment_of = clock.segment_of.get(key) if clock else None
         self._timed = 0  # messages with device time so far
         self._segment = 0  # of the newest of them; one without device time belongs to the same
-        self._came: OrderedDict[tuple[object, ...], int] = OrderedDict()
+        self._came: OrderedDict[tuple[int, ...], int] = OrderedDict()
 
     def blocks(self, raws: Iterable[RawMessage]) -> Iterator[Block]:
         """Place all messages. Memory: one block."""
@@ -104,11 +104,11 @@ class Timeline:
         return _Placed(raw, placed.times_ns, self._segment)
 
     def _is_repeated(self, raw: RawMessage) -> bool:
-        """True for a message that came before as it is; two events may have one device stamp and value."""
-        stamps, sent = raw[:3], content(raw)
-        if self._came.get(stamps) == sent:
+        """True for a message that came before as it is, in this epoch of the device's clock."""
+        key, sent = (self._segment, *stamps(raw, self._samples.nominal_hz)), content(raw)
+        if self._came.get(key) == sent:
             return True
-        self._came[stamps] = sent
+        self._came[key] = sent
         if len(self._came) > MEMORY:
             self._came.popitem(last=False)
         return False

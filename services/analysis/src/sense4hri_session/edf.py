@@ -2,7 +2,7 @@
 
 Every file of a session begins at the same whole second, so that files lie beside each other as they are.
 Format: Kemp & Olivan 2003 (EDF+); 24 bits as BDF+ where a sensor's resolution is above 16 bits or not known,
-or where values beyond its range would make 16 bits too coarse.
+or where values beyond its range, or far beyond its usual ones, would make 16 bits too coarse.
 """
 
 from __future__ import annotations
@@ -41,6 +41,7 @@ BEGINS_NS, ENDS_NS = 473_385_600 * SECOND_NS, 3_629_059_200 * SECOND_NS  # 1985-
 LARGEST_LIMIT = 9_000_000
 SWING = 0.1  # of the range
 COARSE = 2.0  # steps of the sensor that one step of a file may be
+FLAT = 16.0  # steps of the file in which a signal is no more than a staircase
 LABEL = 16  # characters; an annotation of one channel ends with @@ and its label (EDFbrowser, MNE)
 TAKEN = ("status", "trigger", "edf annotations", "bdf annotations")  # labels by which readers know no signal
 DIMENSION = 8  # characters
@@ -71,10 +72,14 @@ def write(session: Session, stream: Stream, start_ns: int, stem: Path) -> Iterat
     wide = not 0 < bits <= 16 or _coarseness(stream, 16) > COARSE
     path = stem.with_name(stem.name + (".bdf" if wide else ".edf"))
     grid = ConstantRate(stream, start_ns, float(rate), span_of(session))
-    annotated = _file(path, session, grid, wide, ROOM)
+    annotated, flat = _file(path, session, grid, wide, ROOM)
+    if flat and not wide:
+        path.unlink()
+        wide, path = True, path.with_suffix(".bdf")
+        annotated, flat = _file(path, session, grid, wide, ROOM)
     needed = math.ceil(len(annotated) / max(_seconds(grid), 1))
     if needed > ROOM:
-        annotated = _file(path, session, grid, wide, min(needed, MOST_ROOM))
+        annotated, _ = _file(path, session, grid, wide, min(needed, MOST_ROOM))
     if not grid.samples:
         path.unlink()
     yield from (f"{stream.key}, EDF: {words}" for words in grid.left_out())
@@ -86,20 +91,26 @@ def write(session: Session, stream: Stream, start_ns: int, stem: Path) -> Iterat
         yield f"{stream.key}, EDF: {counted(late, 'marker')} left out, the file ends before them"
     if (times := _coarseness(stream, 24 if wide else 16)) > COARSE:
         yield f"{stream.key}, EDF: values beyond the sensor's range make a step of the file {times:.0f} of the sensor's"
+    if flat:
+        yield f"{stream.key}, EDF: values far beyond its usual ones leave these less than {FLAT:g} steps of the file"
     yield from (f"{stream.key}, EDF: its header has {words}" for words in _otherwise(stream) if grid.samples)
     yield from _read_back(path, stream, rate, grid.samples, annotated) if grid.samples else ()
 
 
-def _file(path: Path, session: Session, grid: ConstantRate, wide: bool, room: int) -> list[str]:
-    """Write the file, also anew; returns the texts of its annotations. room: so many of them in a second."""
+def _file(path: Path, session: Session, grid: ConstantRate, wide: bool, room: int) -> tuple[list[str], bool]:
+    """Write the file, also anew; returns the texts of its annotations, and whether it shows too little of a channel.
+
+    room: so many annotations in a second.
+    """
     scale = _scale(grid.stream)
     kind = pyedflib.FILETYPE_BDFPLUS if wide else pyedflib.FILETYPE_EDFPLUS
     writer = pyedflib.EdfWriter(str(path), len(grid.stream.channels), kind)
     try:
         writer.set_number_of_annotation_signals(room)
         limits = _header(writer, grid, wide, scale)
-        _samples(writer, grid, limits, scale)
-        return _annotations(writer, session, grid)
+        swings = _samples(writer, grid, limits, scale)
+        steps = swings / np.ptp(limits, axis=1) * 2 ** (24 if wide else 16)
+        return _annotations(writer, session, grid), bool(((steps > 0) & (steps < FLAT)).any())
     finally:
         writer.close()
 
@@ -165,20 +176,23 @@ def _header(writer: Any, grid: ConstantRate, wide: bool, scale: int) -> NDArray[
     return np.array(limits)
 
 
-def _samples(writer: Any, grid: ConstantRate, limits: NDArray[np.float64], scale: int) -> None:
-    """One second at a time; what is missing holds the last value."""
+def _samples(writer: Any, grid: ConstantRate, limits: NDArray[np.float64], scale: int) -> NDArray[np.float64]:
+    """One second at a time; what is missing holds the last value. Returns by how much each channel usually changes."""
     rate = int(grid.rate_hz)
     waiting = np.empty((0, len(limits)))
     held = np.clip(0.0, limits[:, 0], limits[:, 1])
+    swings = [np.zeros(len(limits))]
     for piece in grid.pieces():
         waiting = np.concatenate([waiting, np.clip(piece / scale, *limits.T)])
         while len(waiting) >= rate:
             held = _write_second(writer, waiting[:rate], held)
+            swings.append(np.ptp(waiting[:rate], axis=0))
             waiting = waiting[rate:]
     if len(waiting):
         rest = np.full((rate - len(waiting), len(limits)), np.nan)
         grid.gaps.append((grid.samples / rate, len(rest) / rate))
         _write_second(writer, np.concatenate([waiting, rest]), held)
+    return np.asarray(np.nanmedian(swings, axis=0))
 
 
 def _write_second(writer: Any, second: NDArray[np.float64], held: NDArray[np.float64]) -> NDArray:

@@ -48,7 +48,7 @@ def export(session: Session, target: Path, formats: tuple[str, ...] | None = Non
         target.parent.mkdir(parents=True, exist_ok=True)
         folder = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
     except OSError as err:
-        raise SessionError(f"{target}: {err.strerror}") from err
+        raise SessionError(f"{target} cannot be made: {err.filename or target}: {err.strerror}") from err
     try:
         notes = _write(session, folder, formats, progress)
         folder.chmod(0o777 & ~_umask())
@@ -65,17 +65,24 @@ def _write(session: Session, folder: Path, formats: tuple[str, ...], progress: b
     passes = 1 + bool(flat_formats) + sum(name in formats for name in ("edf", "xdf", "bids"))
     samples = sum(stream.seen.samples for stream in session.streams.values())
     kept = folder / ".kept"
+    mark(folder, _parts(session))
     with (
         tqdm(total=samples * passes, unit=" samples", unit_scale=True, desc="export", disable=not progress) as bar,
-        session.kept(kept, bar.update),
+        session.kept(kept, bar.update) as placed,
     ):
         notes, exported = _write_formats(session, folder, formats, flat_formats, bar)
     shutil.rmtree(kept)
     notes += [note for note in session.notes if note not in notes]  # some messages are decoded only while it is written
     codebook(session, exported).map(cell).to_csv(folder / "codebook.csv", index=False)
-    about = json.dumps(summary(session, notes, exported), indent=2, ensure_ascii=False)
+    about = json.dumps(summary(session, notes, exported, placed), indent=2, ensure_ascii=False)
     (folder / "session.json").write_text(about + "\n", "utf-8", "backslashreplace")
     return notes
+
+
+def mark(folder: Path, parts: list[dict[str, object]]) -> None:
+    """Let a withdrawal know the folder as an export of these parts before anything of a person is in it."""
+    (folder / "codebook.csv").touch()
+    (folder / "session.json").write_text(json.dumps({"parts": parts}), "utf-8", "backslashreplace")
 
 
 def _write_formats(
@@ -136,17 +143,17 @@ def _is_a_date(start_ns: int, notes: list[str]) -> bool:
     return edf.is_a_date(start_ns)
 
 
-def summary(session: Session, notes: list[str], exported: list[Exported]) -> dict[str, object]:
-    """What a reader has to know of the clocks, the streams, and everything that was recorded."""
+def summary(session: Session, notes: list[str], exported: list[Exported], placed: dict[str, int]) -> dict[str, object]:
+    """What a reader has to know of the clocks, the streams, and everything that was recorded.
+
+    placed: samples of each stream, those of repeated messages left out.
+    """
     tables = {topic for item in exported for topic in item.topics}
     return {
         "recording": session.path.name,
         "start_ns": session.start_ns,
         "end_ns": session.end_ns,
-        "parts": [
-            {"folder": part.path.name, "start_ns": part.first_ns, "end_ns": part.last_ns}
-            for part in session.reader.parts
-        ],
+        "parts": _parts(session),
         "session": session.info,
         "notes": notes,
         "topics": {
@@ -159,7 +166,7 @@ def summary(session: Session, notes: list[str], exported: list[Exported]) -> dic
                 "unit": stream.unit,
                 "sampling_frequency_hz": stream.sampling_frequency_hz,
                 "measured_rate_hz": stream.measured_rate_hz or None,
-                "samples": stream.seen.samples,
+                "samples": placed[key],
                 "undecodable_messages": stream.seen.undecodable,
                 "channel_sets": len(stream.seen.channel_sets),
             }
@@ -182,6 +189,12 @@ def summary(session: Session, notes: list[str], exported: list[Exported]) -> dic
             for sensor_id, fit in session.clocks.items()
         },
     }
+
+
+def _parts(session: Session) -> list[dict[str, object]]:
+    return [
+        {"folder": part.path.name, "start_ns": part.first_ns, "end_ns": part.last_ns} for part in session.reader.parts
+    ]
 
 
 def _paths(folder: Path, name: str, formats: list[str]) -> tuple[Path | None, Path | None]:

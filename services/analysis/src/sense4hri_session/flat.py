@@ -13,6 +13,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pa_parquet
+from sense4hri.shapes import plain
 from sense4hri_recording.errors import SessionError
 
 from sense4hri_session.plain_text import cell
@@ -138,5 +139,6 @@ def _in_cells(table: pa.Table) -> pa.Table:
 
 
 def _json(value: object) -> str | None:
+    """A value as JSON, which knows no NaN and no infinity: they are null."""
     nothing = value is None or (isinstance(value, float) and math.isnan(value))
-    return None if nothing else json.dumps(value, ensure_ascii=False)
+    return None if nothing else json.dumps(plain(value), ensure_ascii=False, allow_nan=False)

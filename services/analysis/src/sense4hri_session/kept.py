@@ -24,8 +24,10 @@ MOST_VALUES, MESSAGE = 4_000_000, 64  # that wait to be placed, of all streams t
 
 def keep(
     reader: Reader, streams: Mapping[str, Stream], folder: Path, advance: Callable[[int], object]
-) -> dict[str, Stream]:
+) -> tuple[dict[str, Stream], dict[str, int]]:
     """Return the streams as they are read from files in `folder`, which is made and filled by this.
+
+    Also how many samples each has there, those of repeated messages left out.
 
     advance(samples): called while the recording is read. Raises OSError, SessionError.
     """
@@ -42,7 +44,9 @@ def keep(
         if values >= MOST_VALUES:
             values = _write_all(files.values(), advance)
     _write_all(files.values(), advance)
-    return {key: replace(stream, placed=files[stream.name.topic("raw")].blocks) for key, stream in streams.items()}
+    own = {key: files[stream.name.topic("raw")] for key, stream in streams.items()}
+    placed = {key: replace(stream, placed=own[key].blocks) for key, stream in streams.items()}
+    return placed, {key: file.placed for key, file in own.items()}
 
 
 def _write_all(files: Iterable[_File], advance: Callable[[int], object]) -> int:
@@ -52,12 +56,13 @@ def _write_all(files: Iterable[_File], advance: Callable[[int], object]) -> int:
 
 
 class _File:
-    """The file of one stream. waiting: messages that are not in it yet."""
+    """The file of one stream. waiting: messages that are not in it yet. placed: samples that are."""
 
     def __init__(self, path: Path, stream: Stream) -> None:
         self._path, self._channel_sets = path, list(stream.seen.channel_sets)
         self._timeline = stream.timeline()
         self.waiting: list[RawMessage] = []
+        self.placed = 0
 
     def write(self) -> int:
         """Place what waits and write it; returns how many samples that were."""
@@ -66,6 +71,7 @@ class _File:
         with self._path.open("ab") as file:
             for block in self._timeline.blocks(self.waiting):
                 self._write(file, block)
+                self.placed += len(block.time_ns)
         samples = sum(len(raw.samples) for raw in self.waiting)
         self.waiting.clear()
         return samples

@@ -32,8 +32,9 @@ def leftovers(folder: Path, files: Sequence[Path]) -> list[Path]:
     """
     exports = [path for path in folder.iterdir() if _is_export(path)]
     exports += [path for path in folder.parent.iterdir() if _is_export(path) and _is_of(path, folder)]
-    if folder.parent.name == share.RECORDING and _is_export(shared := folder.parent.parent):
-        exports += [path for path in shared.iterdir() if path != folder.parent]
+    own = folder.resolve()
+    if own.parent.name == share.RECORDING and _is_export(shared := own.parent.parent):
+        exports += [path for path in shared.iterdir() if path != own.parent]
     doubles = [path for path in folder.glob("*.mcap") if path not in files and any(map(path.samefile, files))]
     originals = [
         file.with_name(f"{file.stem.removesuffix(layout.REPAIRED)}.mcap")

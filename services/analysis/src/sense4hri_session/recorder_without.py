@@ -32,5 +32,5 @@ def _session(session: dict[str, Any] | None, traces: Traces) -> dict[str, Any] |
     if not session:
         return session
     names = {key: session[key] for key in ("session_id", "study", "task") if isinstance(session.get(key), str)}
-    kept: dict[str, Any] = traces.value_without(session)
+    kept: dict[str, Any] = traces.typed.value_without(session)
     return kept | {key: traces.name_without(name) for key, name in names.items()}

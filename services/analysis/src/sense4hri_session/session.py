@@ -170,15 +170,17 @@ class Session:
         return tables.joined(found)
 
     @contextmanager
-    def kept(self, folder: Path, advance: Callable[[int], object]) -> Iterator[None]:
+    def kept(self, folder: Path, advance: Callable[[int], object]) -> Iterator[dict[str, int]]:
         """Read the recording once into files in this new folder; meanwhile the streams' samples come from there.
+
+        Yields how many samples each stream has, those of repeated messages left out.
 
         advance(samples): called while it is read. Raises OSError, SessionError.
         """
         own = self.streams
-        self.streams = keep(self.reader, own, folder, advance)
+        self.streams, samples = keep(self.reader, own, folder, advance)
         try:
-            yield
+            yield samples
         finally:
             self.streams = own
 

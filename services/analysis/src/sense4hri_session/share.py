@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+from collections.abc import Callable
 from pathlib import Path
 
 from mcap.records import Channel, Message
@@ -12,6 +13,7 @@ from sense4hri_recording.errors import SessionError
 from sense4hri_recording.parts import find
 from sense4hri_recording.reader import Reader, Record
 from sense4hri_recording.strange import why_strange
+from tqdm import tqdm
 
 from sense4hri_session.identities import Identities
 from sense4hri_session.rewrite import Named, write_anew
@@ -21,19 +23,25 @@ SENSORS = "/study/sensors"
 TELLING = (SENSORS, "/study/host_clocks", PROBES, "/study/session", "/study/ack")
 
 
-def copy(path: Path, target: Path, only_this_part: bool = False) -> list[Path]:
+def copy(path: Path, target: Path, only_this_part: bool = False, progress: bool = False) -> list[Path]:
     """Write every folder of a recording into `target`, a folder that is there, without what identifies the lab.
 
-    Returns the new folders in order. Left out are messages that cannot be decoded and may hold it, those that hold it
-    in numbers or bytes, and what is no ROS 2 topic. Raises SessionError where what names the sensors cannot be decoded,
-    and where the copy's other files, read back, still hold it.
+    Returns the new folders in order. progress: show a bar.
+
+    Left out are messages that cannot be decoded and may hold it, those that hold it in numbers or bytes, and what is no
+    ROS 2 topic. Raises SessionError where what names the sensors cannot be decoded, and where the copy's other files,
+    read back, still hold it.
     """
     folders = find(path, only_this_part)
     readers = [Reader(folder) for folder in folders]
     known = Identities()
     for reader, folder in zip(readers, folders, strict=True):
         _learn(known, reader, folder)
-    return [_folder(known, reader, folder, target) for reader, folder in zip(readers, folders, strict=True)]
+    total = sum(topic.messages for reader in readers for topic in reader.topics.values())
+    with tqdm(total=total, unit=" messages", desc="copying", disable=not progress) as bar:
+        return [
+            _folder(known, reader, folder, target, bar.update) for reader, folder in zip(readers, folders, strict=True)
+        ]
 
 
 def _learn(known: Identities, reader: Reader, folder: Path) -> None:
@@ -64,12 +72,12 @@ def _learn(known: Identities, reader: Reader, folder: Path) -> None:
             known.parameters_json(sensor.parameters_json)
 
 
-def _folder(known: Identities, reader: Reader, folder: Path, target: Path) -> Path:
+def _folder(known: Identities, reader: Reader, folder: Path, target: Path, step: Callable[[], object]) -> Path:
     made = target / (known.without(folder.resolve().stem) or "recording")
     made.mkdir()
     files = [made / f"{made.name}_{number}.mcap" for number in range(len(reader.files))]
     for file, copied in zip(reader.files, files, strict=True):
-        _file(known, reader, file, copied)
+        _file(known, reader, file, copied, step)
     if folder.is_dir():
         about = recorder_json.read(folder)
         recorder_json.write(made, recorder_json.from_json(known.without(about.as_json())))
@@ -80,7 +88,7 @@ def _folder(known: Identities, reader: Reader, folder: Path, target: Path) -> Pa
     return made
 
 
-def _file(known: Identities, reader: Reader, file: Path, target: Path) -> None:
+def _file(known: Identities, reader: Reader, file: Path, target: Path, step: Callable[[], object]) -> None:
     summary = reader.summaries[file]
 
     def named(channel: Channel) -> Named | None:
@@ -90,7 +98,10 @@ def _file(known: Identities, reader: Reader, file: Path, target: Path) -> None:
         return Named(known.without(channel.topic), names)
 
     def data(channel: Channel, message: Message) -> bytes | None:
-        return _data(known, reader, channel, message) if channel.topic in reader.topics else None
+        if channel.topic not in reader.topics:
+            return None
+        step()
+        return _data(known, reader, channel, message)
 
     write_anew(file, target, summary, "sense4hri-share", named, data)
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from sense4hri.shapes import plain
 
 SECOND_NS = 1_000_000_000
 EXTRA = "extra_"
@@ -129,7 +130,9 @@ def joined(frames: Iterable[pd.DataFrame]) -> pd.DataFrame:
 
 def _folded(row: dict[str, Any]) -> dict[str, Any]:
     extra = {name.removeprefix(EXTRA): value for name, value in row.items() if name.startswith(EXTRA)}
-    return {name: value for name, value in row.items() if not name.startswith(EXTRA)} | {"extra": json.dumps(extra)}
+    return {name: value for name, value in row.items() if not name.startswith(EXTRA)} | {
+        "extra": json.dumps(plain(extra))
+    }
 
 
 def _are_features(value: Any) -> bool:

@@ -2,7 +2,8 @@
 
 Two kinds of names. The pseudonym itself is looked for as a whole word in every text. Persons, faces, bodies and voices
 (ROS4HRI) that the recording ties to it, and to nobody else, are looked for as whole texts, alone or as a frame
-(`face_<id>`). What the recording does not tie is left and said: nothing is guessed.
+(`face_<id>`); in markers and in a session's metadata as a frame only: a condition may be called `1` as a face is. What
+the recording does not tie is left and said: nothing is guessed.
 """
 
 from __future__ import annotations
@@ -10,7 +11,9 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Collection, Iterable
+from copy import copy
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from sense4hri.names import ROOT, UNASSIGNED
@@ -27,6 +30,7 @@ _LEAST_MATCH = 0.5  # hri_person_manager's own threshold
 _FREE_TEXT = frozenset({"detail", "value", "name", "message"})
 _NAMES = frozenset({"session_id", "study", "task"})
 _JSON = frozenset({"metadata_json", "parameters_json"})
+_MARKER = "sense4hri_msgs/msg/Marker"
 _OURS = ("sense4hri_msgs/", "diagnostic_msgs/")
 _DROP = object()
 
@@ -111,12 +115,18 @@ class Traces(Pseudonym):
         asked = {(found[1], found[2]) for glob in also if (found := _ASKED.fullmatch(glob))}
         self.ids = {(kind, name) for kind, name in ids | asked if kind in _FRAMES}
         self._also = Patterns(also)
-        self._exact = {name for _, name in self.ids} | {
-            f"{frame}_{name}" for kind, name in self.ids for frame in (_FRAMES[kind], "gaze", "head")
-        }
+        self._alone = {name for _, name in self.ids}
+        self._frames = {f"{frame}_{name}" for kind, name in self.ids for frame in (_FRAMES[kind], "gaze", "head")}
         anywhere = [self._part.pattern, *(re.escape(name) for _, name in self.ids)]
         self._bytes = re.compile("|".join(anywhere).encode())
         self._needles = [name.encode() for name in {*self._names, *(name for _, name in self.ids)}]
+
+    @cached_property
+    def typed(self) -> Traces:
+        """The same for what somebody typed, in which no id alone is a trace."""
+        traces = copy(self)
+        traces._alone = set()
+        return traces
 
     def may_be_in(self, data: bytes) -> bool:
         """False for bytes without which no message has a trace. Looks for the bare names first: faster."""
@@ -132,15 +142,18 @@ class Traces(Pseudonym):
 
     def mentions(self, text: str) -> bool:
         """True where a text names the pseudonym as a word, one of its topics, or is the name of one of its ids."""
-        return super().mentions(text) or text in self._exact or (text[:1] == "/" and self.owns_topic(text))
+        named = super().mentions(text) or text in self._alone or text in self._frames
+        return named or (text[:1] == "/" and self.owns_topic(text))
 
-    def is_in(self, value: Any) -> bool:
-        """True where any text within a value (message, list, JSON) mentions the pseudonym."""
-        return any(self.mentions(text) for text in texts(value))
+    def is_in(self, value: Any, type_name: str = "") -> bool:
+        """True where any text within a value (message of this type, list, JSON) mentions the pseudonym."""
+        traces = self.typed if type_name == _MARKER else self
+        return any(traces.mentions(text) for text in texts(value))
 
     def without(self, message: Any, type_name: str) -> Any:
         """The message itself where it has no trace, a copy without, or None where nothing of it may stay."""
-        edited = self._edit(message, "", type_name.startswith(_OURS))
+        traces = self.typed if type_name == _MARKER else self
+        edited = traces._edit(message, "", type_name.startswith(_OURS))
         return None if edited is _DROP else edited
 
     def _edit(self, value: Any, name: str, ours: bool) -> Any:
@@ -172,7 +185,7 @@ class Traces(Pseudonym):
         if ours and name in _NAMES:
             return self.name_without(text)
         if ours and name in _JSON:
-            return self.json_without(text)
+            return (self.typed if name == "metadata_json" else self).json_without(text)
         if not self.mentions(text):
             return text
         return f"({GONE})" if ours and name in _FREE_TEXT else _DROP

@@ -48,14 +48,14 @@ def withdraw(
 
 
 def find_folders(paths: list[Path]) -> list[Path]:
-    """Every recording at or below these paths."""
+    """Every recording at or below these paths; copies in hidden folders, which may go with another one, last."""
     found: set[Path] = set()
     for path in paths:
         if not path.is_dir():
             raise SessionError(f"{path}: there is no such folder")
         files = [*path.rglob("*.mcap"), *path.rglob(JOURNAL)]
         found |= {file.parent for file in files}
-    return sorted(found)
+    return sorted(found, key=lambda folder: (folder.parent.name.startswith("."), folder))
 
 
 def _lock(folder: Path) -> Lock:
@@ -99,6 +99,8 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     status, hits = 0, 0
     for folder in folders:
+        if not folder.is_dir():
+            continue  # a copy of a recording before it, that was killed under way and went with that
         progress = not options.quiet and sys.stderr.isatty()
         try:
             found = withdraw(folder, options.human, tuple(options.also), options.dry_run, progress)

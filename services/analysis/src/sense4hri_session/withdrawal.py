@@ -168,10 +168,11 @@ class Withdrawal:
         """True where a message of the new file has no trace; numbers may by chance have the bytes of a name."""
         if not self.traces.may_be_in(message.data):
             return True
-        if channel.topic not in self.reader.topics:
+        topic = self.reader.topics.get(channel.topic)
+        if topic is None:
             return False
         record = Record(channel.topic, message.log_time, message.publish_time, message.data)
-        return not self.traces.is_in(self.reader.decode(record))
+        return not self.traces.is_in(self.reader.decode(record), topic.type_name)
 
     def _rewrite(self, file: Path) -> None:
         summary = self.reader.summaries[file]

@@ -28,10 +28,10 @@ class Outlet(NamedTuple):
 
 def of_raw(info: StreamInfo, channels: tuple[str, ...]) -> Outlet:
     """Return the outlet of a raw stream with these channels."""
-    name, unit = info.name, UNITS.get(info.unit, info.unit)
+    name = info.name
     kind = lsl.CONTENT_TYPES.get(name.sensor_type, name.sensor_type)
     about = {tag: str(info.parameters[key]) for key, tag in STATED.items() if info.parameters.get(key)}
-    described = tuple((channel, unit, kind) for channel in channels)
+    described = tuple((channel, _unit(info, channel), kind) for channel in channels)
     return Outlet(
         _name(name), kind, _source(*name, "raw"), info.sampling_frequency_hz, "double64", described, about | _who(name)
     )
@@ -71,6 +71,12 @@ def numbers(message: Any, prefix: str = "") -> dict[str, float]:
 def row(values: dict[str, float], labels: tuple[str, ...]) -> list[float]:
     """Return the values in the order of the labels; NaN where one is missing."""
     return [values.get(label, math.nan) for label in labels]
+
+
+def _unit(info: StreamInfo, channel: str) -> str:
+    """Return the unit of one channel: that of the samples, but a `confidence` is a share (contract, section 2)."""
+    unit = "1" if channel == "confidence" else info.unit
+    return UNITS.get(unit, unit)
 
 
 def _name(name: StreamName) -> str:

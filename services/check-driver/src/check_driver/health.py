@@ -23,6 +23,7 @@ STREAMING_S = 3.0
 STEP_NS = 1_000_000_000
 NOT_LEFT = 3
 """Accounts in a row, between which samples came, that tell a wrong state from one that was left meanwhile."""
+FINITE = ("nominal_rate_hz", "measured_rate_hz", "latency_s", "rssi_dbm")
 UNKNOWN = ("battery_percent", "rssi_dbm", "contact", "latency_s")
 TOTALS = ("samples_total", "lost_samples_total", "gaps_total", "duplicates_total", "reconnects_total")
 
@@ -66,6 +67,9 @@ def _values(message: Any, rate_hz: float, topic: str, findings: Findings) -> Non
         value = getattr(message, name)
         if not (math.isnan(value) or low <= value <= high):
             findings.wrong(4, topic, f"{name} is {value:g}, must be {low} to {high:g}, or NaN where it is not known")
+    for name in FINITE:
+        if math.isinf(getattr(message, name)):
+            findings.wrong(4, topic, f"{name} is infinite: what is not known is NaN")
     if all(getattr(message, name) == 0 for name in UNKNOWN):
         findings.wrong(4, topic, f"{', '.join(UNKNOWN)} are all 0: what is not known is NaN")
     for total in TOTALS:

@@ -24,6 +24,9 @@ FLAGS = ("blocked", "contact")
 SAME_NS = 1000
 """Nearer to each other no two clocks are all the time."""
 COPIED = "device_timestamp is header.stamp: where the device gives no time it must be zero"
+WENT_BACK = "device_timestamp goes back: was the device restarted, or did its counter wrap?"
+LASTING_S = 10.0
+"""For so long may last what is reported, a fixation or a breath: told at its end, by the time of its beginning."""
 STEADY = 3
 """Reports, in the time that it is listened to, of what is expected to report again."""
 NEVER_ZERO = ("heart_rate", "rr_interval", "pp_interval", "spo2", "respiration_rate")
@@ -65,6 +68,8 @@ class Heard:
     """From when it is listened to, on the monotonic clock: a stream may be there later than others."""
     copies: int = 0
     """Reports in a row whose device time is their receipt."""
+    reported_ns: int = 0
+    """Device time of the last report that has one; 0: none has."""
 
     @property
     def steady(self) -> bool:
@@ -103,10 +108,13 @@ class Heard:
         """Take a `PhysioDeviceFeature`."""
         topic = self.name.topic("device")
         self.reported_s.append(self._header(topic, message, heard_ns))
-        apart_ns = to_ns(message.device_timestamp) - to_ns(message.header.stamp)
-        self.copies = self.copies + 1 if abs(apart_ns) < SAME_NS else 0
+        device_ns = to_ns(message.device_timestamp)
+        self.copies = self.copies + 1 if abs(device_ns - to_ns(message.header.stamp)) < SAME_NS else 0
         if self.copies >= STEADY:
             self.findings.wrong(3, topic, COPIED)
+        if device_ns and self.reported_ns - device_ns > LASTING_S * SECOND_NS:
+            self.findings.wrong(3, topic, WENT_BACK)
+        self.reported_ns = device_ns or self.reported_ns
         if not message.features:
             self.findings.wrong(4, topic, "a message without features")
         for each in message.features:
@@ -116,6 +124,8 @@ class Heard:
                 self.findings.wrong(5, topic, f"{each.name} is in {each.unit!r}, must be {UNITS[each.name]}")
             if each.name in FLAGS and any(not (math.isnan(value) or value in (0.0, 1.0)) for value in each.values):
                 self.findings.wrong(5, topic, f"{each.name} is {list(each.values)}, must be 0 or 1")
+            if any(map(math.isinf, each.values)):
+                self.findings.wrong(4, topic, f"{each.name} is infinite: what cannot be computed is left out, or NaN")
             if each.name in NEVER_ZERO and 0.0 in each.values:
                 self.findings.wrong(4, topic, f"{each.name} is 0: what cannot be computed is left out, or NaN")
 
@@ -125,8 +135,8 @@ class Heard:
         self._header(topic, message, heard_ns)
         if not to_ns(message.device_timestamp):
             self.findings.wrong(4, topic, "device_timestamp is zero: nothing was measured")
-        if message.uncertainty_s < 0 or not message.method:
-            self.findings.wrong(4, topic, "uncertainty_s is below 0, or method is empty")
+        if not 0 <= message.uncertainty_s < math.inf or not message.method:
+            self.findings.wrong(4, topic, "uncertainty_s is not 0 or above, or method is empty")
 
     def _header(self, topic: str, message: Any, heard_ns: int) -> float:
         """Check what every message has; return when it was heard, on the monotonic clock."""

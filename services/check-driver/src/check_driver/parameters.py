@@ -98,8 +98,8 @@ def agree(values: dict[str, Any], heard: Heard, node: str, findings: Findings) -
     for key, true in (("human_id", name.human_id), ("sensor_id", name.sensor_id)):
         if values.get(key, true) != true:
             findings.wrong(6, node, f"parameter {key} is {values[key]!r}, the topics say {true}")
-    if values.get("transport_delay_s", 0.0) < 0:
-        findings.wrong(6, node, "parameter transport_delay_s is below 0")
+    if not 0 <= (delay_s := values.get("transport_delay_s", 0.0)) < math.inf:
+        findings.wrong(6, node, f"parameter transport_delay_s is {delay_s:g}, must be 0 or above")
     of = {key: values[f"{name.sensor_type}.{key}"] for key in OF_STREAM if f"{name.sensor_type}.{key}" in values}
     if "unit" in of:
         try:

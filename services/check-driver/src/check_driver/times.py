@@ -10,7 +10,7 @@ from sense4hri.sample_clock import SampleClock
 from sense4hri.stamps import SECOND_NS
 
 from check_driver.findings import Findings
-from check_driver.heard import COPIED, SAME_NS, Frame
+from check_driver.heard import COPIED, SAME_NS, WENT_BACK, Frame
 
 OFF = 0.1
 """Share by which a rate may differ from the declared one."""
@@ -51,7 +51,7 @@ def _device_times(frames: list[Frame], topic: str, findings: Findings) -> None:
         if after.device_ns == before.device_ns:
             findings.wrong(3, topic, "device_timestamp stands still: two messages have the same")
         elif after.device_ns < before.device_ns:
-            findings.wrong(3, topic, "device_timestamp goes back: was the device restarted, or did its counter wrap?")
+            findings.wrong(3, topic, WENT_BACK)
     near = sum(abs(frame.device_ns - frame.stamp_ns) < SAME_NS for frame in frames)
     if near > len(frames) / 2:
         findings.wrong(3, topic, COPIED)
