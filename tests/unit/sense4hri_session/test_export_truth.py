@@ -492,9 +492,12 @@ def test_a_change_of_wearer_is_an_event_of_those_concerned_in_every_format(study
     table = pd.read_csv(out / "csv" / "timeline.csv")
     assert {*zip(table["time_s"].round(6), table["name"], table["value"], strict=True)} == {*rows}
     texts = {f"{name}: {value}" for _, name, value in rows}
-    markers = next(s for s in pyxdf.load_xdf(out / "session.xdf")[0] if s["info"]["name"] == ["markers"])
+    told = {s["info"]["name"][0]: s for s in pyxdf.load_xdf(out / "session.xdf")[0]}
+    markers, people = told["markers"], told["markers/human_id"]
     assert {row[0] for row in markers["time_series"]} == texts
-    assert {row[1]: row[0] for row in markers["time_series"]} == {h: f"{r[0][1]}: {r[0][2]}" for h, r in truth.items()}
+    assert people["time_stamps"].tolist() == markers["time_stamps"].tolist()
+    concerned = zip(people["time_series"], markers["time_series"], strict=True)
+    assert {human[0]: text[0] for human, text in concerned} == {h: f"{r[0][1]}: {r[0][2]}" for h, r in truth.items()}
     raw = mne.io.read_raw_edf(out / "edf" / "p2_ecg_h10_1.edf", verbose="error")
     assert "sensor_came: h10_1 went from p1 to p2" in raw.annotations.description
 

@@ -8,7 +8,7 @@ hold the times with the clock's wander.) Format: <https://github.com/sccn/xdf/wi
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from os import SEEK_CUR
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -27,6 +27,7 @@ from sense4hri_session.stream import Stream
 
 FILE_HEADER, STREAM_HEADER, SAMPLES, CLOCK_OFFSET, STREAM_FOOTER = 1, 2, 3, 4, 6
 OFFSET_INTERVAL_S = 5.0
+CONCERNED = "Metadata"  # a stream of its own, since tools take every text of a stream of markers for an event
 LSL_UNITS = {"uV": "microvolts"}
 
 
@@ -61,13 +62,12 @@ class Writer:
         """Numbers of one chunk, see `rows_of`."""
         self._chunk(SAMPLES, struct.pack("<IBI", stream, 4, len(rows)) + rows.tobytes())
 
-    def texts(self, stream: int, items: Iterable[tuple[float, tuple[str, ...]]]) -> None:
-        """Strings, one for each channel at each time."""
+    def texts(self, stream: int, items: Iterable[tuple[float, str]]) -> None:
+        """Strings of a stream with one channel."""
         parts = []
-        for time_s, row in items:
-            texts = [plain(text).encode() for text in row]
-            cells = [struct.pack("<BI", 4, len(text)) + text for text in texts]
-            parts.append(struct.pack("<Bd", 8, time_s) + b"".join(cells))
+        for time_s, text in items:
+            data = plain(text).encode()
+            parts.append(struct.pack("<BdBI", 8, time_s, 4, len(data)) + data)
         if parts:
             self._chunk(SAMPLES, struct.pack("<IBI", stream, 4, len(parts)) + b"".join(parts))
 
@@ -101,14 +101,14 @@ def write(session: Session, path: Path) -> None:
         writer = Writer(file)
         for stream in session.streams.values():
             _write_stream(writer, session, stream)
-        markers = [(m["time_ns"], (marker_text(m), str(m["human_id"]))) for m in session.timeline_rows]
-        _write_texts(writer, session, "markers", ("markers", "human_id"), markers)
-        states: dict[str, list[tuple[int, tuple[str, ...]]]] = {human_id: [] for human_id in session.humans}
+        markers = session.timeline_rows
+        _write_texts(writer, session, "markers", "Markers", [(m["time_ns"], marker_text(m)) for m in markers])
+        _write_texts(writer, session, "markers/human_id", CONCERNED, [(m["time_ns"], m["human_id"]) for m in markers])
+        states: dict[str, list[tuple[int, str]]] = {human_id: [] for human_id in session.humans}
         for row in session.states.to_dict("records"):
-            states.setdefault(row["human_id"], []).append((row["received_ns"] or row["time_ns"], (row["state"],)))
+            states.setdefault(row["human_id"], []).append((row["received_ns"] or row["time_ns"], row["state"]))
         for human_id, texts in states.items():
-            name = f"{human_id}/state"
-            _write_texts(writer, session, name, (name,), texts)
+            _write_texts(writer, session, f"{human_id}/state", "Markers", texts)
     _read_back(path)
 
 
@@ -182,15 +182,12 @@ def _write_stream(writer: Writer, session: Session, stream: Stream) -> None:
         writer.end(item.number, item.first_s, item.last_s, item.samples)
 
 
-def _write_texts(
-    writer: Writer, session: Session, name: str, labels: tuple[str, ...], items: Sequence[tuple[int, tuple[str, ...]]]
-) -> None:
-    """Write texts as a stream, one text for each of these channels at each time."""
+def _write_texts(writer: Writer, session: Session, name: str, kind: str, items: list[tuple[int, str]]) -> None:
+    """Write texts as a stream of one channel; those of one time stay in their order."""
     if not items:
         return
-    channels = [(label, "") for label in labels]
-    number = writer.stream(name, "Markers", 0.0, "string", channels, "<clock>host</clock>")
-    timed = sorted(((time_ns - session.start_ns) * 1e-9, texts) for time_ns, texts in items)
+    number = writer.stream(name, kind, 0.0, "string", [(name, "")], "<clock>host</clock>")
+    timed = sorted((((time_ns - session.start_ns) * 1e-9, text) for time_ns, text in items), key=lambda item: item[0])
     writer.texts(number, timed)
     for at_s in (timed[0][0], timed[-1][0] + 1.0):
         writer.offset(number, at_s, 0.0)

@@ -54,11 +54,9 @@ SENSITIVITY_TRUST = 0.2  # parts differ by some per cent, ranges by a factor of 
 def kinematic(sensor_type: str, stored: bytes, usual_sensitivity: float | tuple[float, ...]) -> tuple[Kinematic, str]:
     """Return the constants of one sensor from the answer 2D, and why they are the usual ones where a block is no good.
 
-    usual_sensitivity: of all axes, or of each.
-
-    The usual ones are taken where the device keeps none, with nothing said, and where a sensitivity cannot be that of
-    the range set. A block: offsets and sensitivities, three big-endian int16 each, then the alignment, nine int8 in
-    hundredths.
+    usual_sensitivity: of all axes, or of each. The usual constants are taken where the device keeps none, with nothing
+    said, and where a sensitivity cannot be that of the range set. A block: offsets and sensitivities, three big-endian
+    int16 each, then the alignment, nine int8 in hundredths.
     """
     block = stored[_PLACES[sensor_type] * BLOCK :][:BLOCK]
     numbers = np.frombuffer(block[:12], ">i2").astype(np.float64)
@@ -77,10 +75,8 @@ def _doubt(sensor_type: str, sensitivity: Floats, usual: Floats) -> str:
     """Say what is wrong where the constants were made for another range, or relative to the local field."""
     if np.all(np.abs(sensitivity / usual - 1) <= SENSITIVITY_TRUST):
         return ""
-    kept, known = (
-        ", ".join(f"{each:g}" for each in sensitivity),
-        ", ".join(dict.fromkeys(f"{each:g}" for each in usual)),
-    )
+    kept = ", ".join(f"{each:g}" for each in sensitivity)
+    known = ", ".join(dict.fromkeys(f"{each:g}" for each in usual))
     return f"{sensor_type}: the device keeps a sensitivity of {kept}, usual in its range is {known}: it is not taken"
 
 
