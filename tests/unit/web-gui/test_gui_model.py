@@ -297,6 +297,18 @@ def test_a_marker_without_a_stamp_stands_where_it_was_heard():
     assert [marked.at_ns for marked in study.markers] == [NOW, NOW - S]
 
 
+def test_a_marker_that_a_replay_says_again_is_one_marker():
+    """Sought back, or in a loop, it says what it has said: the same event, not a second one."""
+    study = Study()
+    told = [
+        {"stamp_ns": NOW - k * S, "name": "response", "value": value, "human_id": ""}
+        for k, value in [(2, "a"), (1, "b")]
+    ]
+    for plain in [*told, *told, {**told[1], "human_id": "p1"}]:
+        study.take_marker(plain, NOW)
+    assert [(marked.value, marked.human_id) for marked in study.markers] == [("a", ""), ("b", ""), ("b", "p1")]
+
+
 def test_the_strip_has_one_point_a_second_and_a_bounded_length():
     """Ten minutes are kept, no more; stretches of one state are one stretch."""
     study = Study(trend_s=60.0)

@@ -106,9 +106,11 @@ class Study:
         _keep(self.faces, face_id, Fresh(plain, now_ns))
 
     def take_marker(self, plain: Plain, now_ns: int) -> None:
-        """Take a marker; one without a stamp stands where it was heard."""
+        """Take a marker; one without a stamp stands where it was heard, one that a replay says again where it is."""
         texts = (str(plain.get(key, "")) for key in ("name", "value", "human_id"))
-        self.markers.append(Marked(int(plain["stamp_ns"]) or self.clock.wall_ns(now_ns), *texts))
+        marked = Marked(int(plain["stamp_ns"]) or self.clock.wall_ns(now_ns), *texts)
+        if marked not in self.markers:
+            self.markers.append(marked)
 
     def tick(self, now_ns: int) -> None:
         """Once per second: extend the strip, forget what has long been gone."""
