@@ -186,6 +186,27 @@ def test_the_height_that_channels_share_follows_them_also_where_the_first_dies(n
         page.wait_for_function(tall)
 
 
+class Blank(Lab):
+    """A glove that streams and has no number to tell, or not any more."""
+
+    blank = True
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Let so much of its signal end at a time."""
+        self.give(GLOVE, "%", ("bend",), waves(at_ns, seconds, 1) * (np.nan if self.blank else 1.0), at_ns)
+
+
+def test_a_lane_of_nothing_but_nan_says_why_it_is_empty(new_page: OpenPage) -> None:
+    """Samples come and none is a number: that is another thing than no samples, and goes with the first number."""
+    with Blank() as lab:
+        page = new_page(lab.address)
+        label, button = page.locator(".lane-label"), page.locator(".lane-pick")
+        expect(label).to_contain_text("– every sample is NaN")
+        expect(button).to_have_attribute("aria-label", "p1 flexion glove_1, streaming, every sample is NaN")
+        lab.blank = False
+        expect(label).not_to_contain_text("NaN")
+
+
 AREA = """async (value) => {
     const { FEET } = await import("/js/feet.js"), c = document.createElement("canvas").getContext("2d"), said = [];
     c.fillText = (label) => said.push(label);
