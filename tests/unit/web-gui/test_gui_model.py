@@ -416,6 +416,64 @@ def test_the_edge_stays_with_what_is_played_at_any_speed(rate):
     assert axis.replaying(now_ns)
 
 
+class Slow:
+    """A person's ECG of a day ago, played at a rate: samples twice a second of it, everything else once."""
+
+    def __init__(self, rate):
+        self.study, self.rate = Study(clock=NEVER_SET), rate
+        self.at_ns, self.played_ns = NOW, NOW - 86_400 * S
+
+    def play(self, seconds, streams=(ECG,)):
+        """Play so many s of it; yield what time it is, five times between two messages."""
+        for half in range(2 * seconds):
+            for name in streams:
+                self.study.axis.saw(self.played_ns, self.at_ns)
+                stream = self.study.stream(name, self.at_ns)
+                stream.learn(Info(130.0, "uV", {}))
+                stream.raw(
+                    Chunk(("ecg",), np.zeros((65, 1)), self.played_ns - NOW + 90_000 * S, self.played_ns), self.at_ns
+                )
+                if half % 2 == 0:
+                    stream.take_health({**HEALTH, "header": {"stamp": self.played_ns}}, self.at_ns)
+                    stream.take_features(FEATURES, self.at_ns)
+                    stream.take_clock({**CLOCK, "offset_ns": NOW - 90_000 * S}, self.at_ns)
+                    self.study.take_state("p1", {"state": "calm_relaxed", "heart_rate_bpm": 72.0}, self.at_ns)
+            yield from self.wait(0.5)
+
+    def wait(self, seconds):
+        """Let so many s of it pass without a message; yield what time it is."""
+        for _ in range(5):
+            self.at_ns += round(seconds * S / self.rate / 5)
+            self.played_ns += round(seconds * S / 5)
+            yield self.at_ns
+
+
+@pytest.mark.parametrize("rate", [0.02, 0.1, 0.25, 1.0, 4.0])
+def test_what_is_played_slowly_is_not_lost_between_two_messages(rate):
+    """Half a second of the recording is half a second, however long it takes."""
+    slow = Slow(rate)
+    study = slow.study
+    for now_ns in slow.play(20):
+        assert study.streams[ECG].status(now_ns) == "streaming"
+        assert study.state("p1", now_ns) is not None
+        assert sentences(study, now_ns) == []
+        assert abs(study.axis.now_ns(now_ns) - slow.played_ns) <= 0.5 * S
+    assert study.streams[ECG].patience_s() == pytest.approx(max(1.0, 2 * 0.5 / max(1.0, rate) + 0.5))
+
+
+def test_what_falls_silent_while_the_rest_is_played_slowly_is_lost():
+    """After as much of the recording as it would have taken live."""
+    slow = Slow(0.1)
+    other = ECG._replace(sensor_id="h10_2")
+    for _ in slow.play(10, (ECG, other)):
+        pass
+    told_ns = slow.played_ns - S  # of its health
+    said = [(slow.study.streams[other].status(now_ns), slow.played_ns) for now_ns in slow.play(10)]
+    lost_ns = next(at_ns for status, at_ns in said if status == "lost")
+    assert (lost_ns - told_ns) / S == pytest.approx(3.1, abs=0.05)
+    assert slow.study.streams[ECG].status(slow.at_ns) == "streaming"
+
+
 def test_unassigned_sensors_come_last_and_people_in_their_order():
     """p2 stands before p10, and what nobody wears at the end."""
     study = Study()

@@ -75,7 +75,7 @@ class Study:
         if found is None:
             if len(self.streams) >= MOST_STREAMS:
                 self._forget(min(self.streams.values(), key=lambda one: one.last_at_ns).name)
-            found = self.streams[name] = Stream(name, self.history_s, now_ns, self.clock)
+            found = self.streams[name] = Stream(name, self.history_s, now_ns, self.clock, self.axis.age_ns)
             self._worn = None
         return found
 
@@ -179,7 +179,7 @@ class Study:
     def state(self, human_id: str, now_ns: int) -> Plain | None:
         """Return a participant's fused state unless it is old."""
         fresh = self.states.get(human_id)
-        return fresh.plain if fresh and now_ns - fresh.at_ns < FRESH_NS else None
+        return fresh.plain if fresh and self.axis.age_ns(fresh.at_ns, now_ns) < FRESH_NS else None
 
     def heart_rate(self, human_id: str, now_ns: int) -> tuple[float | None, str]:
         """Return (beats per minute, where it is from), or (None, why there is none)."""
@@ -199,7 +199,7 @@ class Study:
         if state is None:
             return ""
         face = self.faces.get(str(state.get("face_id", "")))
-        if face is not None and now_ns - face.at_ns < FACE_FRESH_NS:
+        if face is not None and self.axis.age_ns(face.at_ns, now_ns) < FACE_FRESH_NS:
             return str(face.plain.get("expression", ""))
         return str(state.get("expression", ""))
 

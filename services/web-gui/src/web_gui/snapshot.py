@@ -15,7 +15,7 @@ from web_gui.model import Study
 from web_gui.problem_log import Entry, ProblemLog
 from web_gui.readings import display_unit, further_reasons, number, rows
 from web_gui.steady import Steady
-from web_gui.stream import CLOCK_STATES, HEALTH_FRESH_NS, Stream
+from web_gui.stream import CLOCK_STATES, Stream
 from web_gui.view import MOST_CHANNELS
 
 MOST_ENDED, MOST_LASTING = 30, 200
@@ -196,7 +196,7 @@ def _qualities(stream: Stream, features: Mapping[str, Any] | None) -> list[float
 def _absent(stream: Stream, now_ns: int) -> Mapping[str, Any]:
     if stream.features is None:
         return {"reasons": ["no features on the graph"]}
-    return {"reasons": [f"no features for {(now_ns - stream.features.at_ns) / SECOND_NS:.0f} s"]}
+    return {"reasons": [f"no features for {stream.age_ns(stream.features.at_ns, now_ns) / SECOND_NS:.0f} s"]}
 
 
 def _extra(features: Mapping[str, Any] | None) -> list[Json]:
@@ -216,7 +216,7 @@ def _clock(stream: Stream, now_ns: int) -> Json:
         return {"state": "NONE", "note": "no clock model on the graph; placed by arrival"}
     plain = stream.clock.plain
     state = int(plain.get("state", 0))
-    age_s = (now_ns - stream.clock.at_ns) / SECOND_NS
+    age_s = stream.age_ns(stream.clock.at_ns, now_ns) / SECOND_NS
     return {
         "state": CLOCK_STATES[state] if state < len(CLOCK_STATES) and stream.fresh_clock(now_ns) else "NONE",
         "note": f"no news for {age_s:.0f} s" if age_s > 5 else "",
@@ -234,10 +234,10 @@ def _health(stream: Stream, now_ns: int) -> Json | None:
     if stream.health is None:
         return None
     plain = stream.health.plain
-    age_ns = now_ns - stream.health.at_ns
-    fresh = age_ns <= HEALTH_FRESH_NS
+    fresh = stream.fresh_health(now_ns) is not None
+    age_s = stream.age_ns(stream.health.at_ns, now_ns) / SECOND_NS
     return {
-        "stale": "" if fresh else f"no news from the driver for {age_ns / SECOND_NS:.0f} s",
+        "stale": "" if fresh else f"no news from the driver for {age_s:.0f} s",
         "host": plain.get("host", ""),
         "nominal_hz": _finite(plain.get("nominal_rate_hz"), 1),
         "measured_hz": _finite(plain.get("measured_rate_hz"), 2) if fresh else None,
