@@ -176,6 +176,19 @@ def test_a_sensor_on_its_way_to_another_person_is_no_error():
     assert not any("at once" in text for text in sentences(study))
 
 
+def test_a_sensor_that_has_changed_hands_in_a_replay_is_neither_there_twice_nor_missed():
+    """The topics of both stay on the graph from the first message to the last; what nobody sends is still missed."""
+    study = Study()
+    for human, ago_s in (("p1", 30), ("p2", 0)):
+        streaming(study, ECG._replace(human_id=human), NOW - ago_s * S)
+    assert sentences(study) == []
+    later = NOW + 10 * S
+    assert [text[:26] for text in sentences(study, later)] == [
+        "p1 / h10_1: no data for 40",
+        "p2 / h10_1: no data for 10",
+    ]
+
+
 def test_what_is_computed_of_a_sensor_moves_with_it():
     """Neither the old stream nor one late message of features is a second sensor; nothing stays with who wore it."""
     study = Study()
