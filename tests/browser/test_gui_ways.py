@@ -560,3 +560,17 @@ def test_long_names_cover_no_value(new_page: OpenPage) -> None:
         assert edges == sorted(edges)
         assert edges[-1] < 390
         assert page.locator("#marker-human").evaluate("(e) => e.clientWidth") < 200
+
+
+def test_long_names_take_no_room_of_others(new_page: OpenPage) -> None:
+    """No lane is much higher for a name, and before a session each name stands within its own box."""
+    lab = Moving()
+    lab.worn = {"s" * 63: "p" * 63, "h10_2": "p2", "h10_3": "p3"}
+    with lab:
+        page = three(new_page(lab.address))
+        heights = page.locator("#lanes .group").evaluate_all("(groups) => groups.map((group) => group.clientHeight)")
+        assert max(heights) < 140, heights
+        page.keyboard.press("g")
+        expect(page.locator("#preflight .check-name").filter(has_text="p" * 63)).to_be_visible()
+        cut = "(boxes) => boxes.filter((box) => box.scrollWidth > box.clientWidth).map((box) => box.textContent)"
+        assert page.locator("#start .boxes label, #preflight").evaluate_all(cut) == []
