@@ -10,7 +10,7 @@ import { Field } from "./field.js";
 import { GUTTER, axis, counted, grid, names, rowHeight, worth } from "./gutter.js";
 import { Ink } from "./ink.js";
 import { Line } from "./line.js";
-import { holes, markers, reading } from "./overlay.js";
+import { NUMBERLESS, holes, markers, reading } from "./overlay.js";
 import { Scale, usualRange } from "./scale.js";
 import { colourOf } from "./theme.js";
 import { WAYS } from "./ways.js";
@@ -78,7 +78,7 @@ export class Lane {
     text(this.title, stream.label);
     text(this.label, ` ${[stream.sensor, this.whichChannels(), stream.unit || "unit unknown"].filter((one) => one).join(" · ")}`);
     const silent = !["streaming", "derived"].includes(stream.status);
-    const why = stream.why_none || (this.numberless ? "every sample is NaN" : "");
+    const why = stream.why_none || (this.numberless ? NUMBERLESS : "");
     text(this.note, `${this.poor()}${why ? ` · – ${why}` : ""}${silent ? ` ${stream.status}` : ""}`);
     attribute(this.button, "aria-label", `${stream.human} ${stream.type} ${stream.sensor}, ${stream.status}${this.poor()}${why ? `, ${why}` : ""}`);
     this.element.classList.toggle("silent", silent);
@@ -232,7 +232,7 @@ export class Lane {
       this.news = false;
       const settled = this.line.newest - this.line.times[this.line.start] > 4000;
       const ranges = Array.from({ length: this.line.channels }, (_, c) => usualRange(this.line, c));
-      this.numberless = this.line.end > this.line.start + 1 && ranges.every((range) => range === null);
+      this.numberless = this.stream.raw && this.line.end > this.line.start + 1 && ranges.every((range) => range === null);
       this.field.grow(ranges, this.drawnAs("look"));
       if (this.many) this.considerRows(ranges, clockMs, settled);
       else {
