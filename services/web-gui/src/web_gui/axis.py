@@ -45,12 +45,16 @@ class Axis:
         playing = bool(self._offsets) and (now_ns - self._offsets[-1][0]) * (self._pace.rate or 1.0) < PLAYED_NS
         return playing and now_ns > self._live_until_ns
 
-    def age_ns(self, at_ns: int, now_ns: int) -> int:
-        """Return how long ago a moment was: of a slow replay, in the time of what is played.
+    def rate(self, now_ns: int) -> float:
+        """Return how fast time goes on it, at most 1.
 
-        As little as can be while its pace is not known: nothing is missed before its second message is due.
+        As slowly as can be while the pace of a replay is not known: nothing is missed before its second message is due.
         """
-        return round((now_ns - at_ns) * (self._pace.rate or SLOWEST)) if self.replaying(now_ns) else now_ns - at_ns
+        return (self._pace.rate or SLOWEST) if self.replaying(now_ns) else 1.0
+
+    def age_ns(self, at_ns: int, now_ns: int) -> int:
+        """Return how long ago a moment was: of a slow replay, in the time of what is played."""
+        return round((now_ns - at_ns) * self.rate(now_ns))
 
     def now_ns(self, now_ns: int) -> int:
         """Return the axis time of the right edge."""

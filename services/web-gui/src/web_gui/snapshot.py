@@ -31,6 +31,7 @@ def study_message(study: Study, log: ProblemLog, now_ns: int) -> Json:
         "now_ms": _ms(study.axis.now_ns(now_ns)),
         "wall_ms": _ms(study.clock.wall_ns(now_ns)),
         "replay": study.axis.replaying(now_ns),
+        "rate": study.axis.rate(now_ns),
         "history_s": study.history_s,
         "session": _session(study),
         "preflight": {
