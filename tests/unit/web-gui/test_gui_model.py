@@ -350,6 +350,26 @@ def test_the_strip_tells_of_a_time_once_where_a_replay_is_sought_back():
     assert [(to_ms - from_ms) / 1e3 for from_ms, to_ms, _ in trend["state"]] == [49.0]
 
 
+def test_the_strip_of_a_fast_replay_has_no_holes_between_its_points():
+    """A state that is told all the time is one stretch at any speed, also when it is played slowly after that."""
+    study = Study()
+    streaming(study)
+    played_ns = NOW - 86_400 * S
+    for second in range(40):
+        now_ns = NOW + second * S
+        study.axis.saw(played_ns, now_ns)
+        state = "stressed_anxious" if second == 10 else "calm_relaxed"
+        study.take_state("p1", {"state": state, "heart_rate_bpm": 70.0, "reasons": []}, now_ns)
+        study.tick(now_ns)
+        played_ns += (20 if second < 20 else 1) * S
+    (trend,) = trend_message(study)["participants"]
+    (first_ms, until_ms, _), (stressed_ms, calm_ms, state), (again_ms, last_ms, _) = trend["state"][-3:]
+    assert state == "stressed_anxious"
+    assert (until_ms - first_ms) / 1e3 > 7 * 20  # the pace is known after the first points
+    assert (stressed_ms - until_ms, again_ms - calm_ms) == (1000, 1000)  # a point lasts a second
+    assert (last_ms - again_ms) / 1e3 == 9 * 20 + 19 + 19
+
+
 def test_a_stream_without_raw_is_derived_until_it_falls_silent_and_is_forgotten():
     """Respiration from an ECG has features only; ten minutes after the last of them it is gone from the page."""
     study = Study()

@@ -42,15 +42,20 @@ class Axis:
 
     def replaying(self, now_ns: int) -> bool:
         """True while everything that arrives is from another time."""
-        playing = bool(self._offsets) and (now_ns - self._offsets[-1][0]) * (self._pace.rate or 1.0) < PLAYED_NS
+        slow = min(1.0, self._pace.rate or 1.0)
+        playing = bool(self._offsets) and (now_ns - self._offsets[-1][0]) * slow < PLAYED_NS
         return playing and now_ns > self._live_until_ns
 
     def rate(self, now_ns: int) -> float:
-        """Return how fast time goes on it, at most 1.
+        """Return how fast time goes on it, at most 1: what is played fast is judged as what is live.
 
         As slowly as can be while the pace of a replay is not known: nothing is missed before its second message is due.
         """
-        return (self._pace.rate or SLOWEST) if self.replaying(now_ns) else 1.0
+        return min(1.0, self._pace.rate or SLOWEST) if self.replaying(now_ns) else 1.0
+
+    def step_ns(self, now_ns: int) -> int:
+        """Return how much of it is played in a second, a second at least."""
+        return round(SECOND_NS * max(1.0, self._pace.rate or 1.0)) if self.replaying(now_ns) else SECOND_NS
 
     def age_ns(self, at_ns: int, now_ns: int) -> int:
         """Return how long ago a moment was: of a slow replay, in the time of what is played."""

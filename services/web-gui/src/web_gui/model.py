@@ -40,9 +40,10 @@ class Marked(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """One second of the strip; heart rate NaN = unknown."""
+    """One point of the strip, each second; heart rate NaN = unknown; step_ns: about how long after the one before."""
 
     at_ns: int
+    step_ns: int
     heart_rate_bpm: float
     state: str
     expression: str
@@ -132,6 +133,7 @@ class Study:
             trend.append(
                 Moment(
                     at_ns,
+                    self.axis.step_ns(now_ns),
                     math.nan if heart_rate is None else heart_rate,
                     str(state["state"]) if state else "",
                     self.expression(human_id, now_ns),

@@ -15,7 +15,7 @@ class Pace:
 
     def __init__(self) -> None:
         self.rate: float | None = None
-        """At most 1: what is played fast is judged as what is live. None while it is not known."""
+        """None while it is not known."""
         self._seen: deque[tuple[int, int]] = deque(maxlen=STEPS + 1)  # when, and the stamp of what came
 
     def take(self, stamp_ns: int, now_ns: int) -> None:
@@ -25,4 +25,4 @@ class Pace:
         self._seen.append((now_ns, stamp_ns))
         steps = [(stamp - stamp_before) / (at - before) for (before, stamp_before), (at, stamp) in pairwise(self._seen)]
         if steps:
-            self.rate = min(1.0, max(SLOWEST, median(steps)))
+            self.rate = max(SLOWEST, median(steps))

@@ -1,7 +1,7 @@
 """The study as the JSON object the page shows. Pure; every number is finite or null, every text is just text."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from itertools import groupby
 from typing import Any
@@ -11,7 +11,7 @@ from sense4hri.stamps import SECOND_NS
 
 from web_gui import preflight
 from web_gui.drawn import DERIVED, EVENTS
-from web_gui.model import Study
+from web_gui.model import Moment, Study
 from web_gui.problem_log import Entry, ProblemLog
 from web_gui.readings import display_unit, further_reasons, number, rows
 from web_gui.steady import Steady
@@ -61,8 +61,8 @@ def trend_message(study: Study) -> Json:
             {
                 "id": human_id,
                 "heart_rate": [[_ms(m.at_ns), _finite(m.heart_rate_bpm, 1)] for m in trend],
-                "state": _stretches([(m.at_ns, m.state) for m in trend]),
-                "expression": _stretches([(m.at_ns, m.expression) for m in trend]),
+                "state": _stretches((m, m.state) for m in trend),
+                "expression": _stretches((m, m.expression) for m in trend),
             }
             for human_id in study.humans()
             if (trend := study.trends.get(human_id))
@@ -272,15 +272,15 @@ def _entry(entry: Entry, clock: Steady) -> Json:
     }
 
 
-def _stretches(moments: list[tuple[int, str]]) -> list[list[Any]]:
+def _stretches(moments: Iterable[tuple[Moment, str]]) -> list[list[Any]]:
     """Return [from_ms, to_ms, text] of every stretch of one and the same non-empty text."""
     found: list[list[Any]] = []
-    for at_ns, text in moments:
-        at_ms = _ms(at_ns)
-        if found and found[-1][2] == text and at_ms - found[-1][1] < 2500:
+    for moment, text in moments:
+        at_ms, step_ms = _ms(moment.at_ns), _ms(moment.step_ns)
+        if found and found[-1][2] == text and at_ms - found[-1][1] < 2.5 * step_ms:
             found[-1][1] = at_ms
         else:
-            found.append([at_ms, at_ms, text])
+            found.append([at_ms - step_ms + 1000, at_ms, text])
     return [stretch for stretch in found if stretch[2]]
 
 
