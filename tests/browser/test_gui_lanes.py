@@ -186,6 +186,30 @@ def test_the_height_that_channels_share_follows_them_also_where_the_first_dies(n
         page.wait_for_function(tall)
 
 
+class Blank(Lab):
+    """A glove that streams and has no number to tell, or not any more."""
+
+    blank = True
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Let so much of its signal end at a time."""
+        self.give(GLOVE, "%", ("bend",), waves(at_ns, seconds, 1) * (np.nan if self.blank else 1.0), at_ns)
+
+
+def test_a_lane_of_nothing_but_nan_says_why_it_is_empty(new_page: OpenPage) -> None:
+    """Samples come and none is a number: that is another thing than no samples, and goes with the first number."""
+    with Blank() as lab:
+        page = new_page(lab.address)
+        label, button = page.locator(".lane-label"), page.locator(".lane-pick")
+        expect(label).to_contain_text("– every sample is NaN")
+        expect(button).to_have_attribute("aria-label", "p1 flexion glove_1, streaming, every sample is NaN")
+        page.add_init_script(LISTEN)
+        page.reload()
+        page.wait_for_function("() => labels.has('every sample is NaN')")  # where a low lane's title is cut off
+        lab.blank = False
+        expect(label).not_to_contain_text("NaN")
+
+
 AREA = """async (value) => {
     const { FEET } = await import("/js/feet.js"), c = document.createElement("canvas").getContext("2d"), said = [];
     c.fillText = (label) => said.push(label);
@@ -282,3 +306,37 @@ def test_the_oldest_signal_of_a_simulation_that_has_just_begun_is_shown(new_page
         before = page.evaluate("() => sense4hri.lanes.frames")
         page.wait_for_function("(before) => sense4hri.lanes.frames > before + 2", arg=before)
         expect(page.locator("#disconnected")).to_be_hidden()
+
+
+class Slowed(Lab):
+    """A sensor of yesterday, played at a tenth of its speed."""
+
+    begun_ns = 0
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Let so much of its signal end at a time."""
+        self.begun_ns = self.begun_ns or at_ns
+        played_ns = self.begun_ns - 86_400 * 10**9 + (at_ns - self.begun_ns) // 10
+        self.study.axis.saw(played_ns, at_ns)
+        stream = self.study.stream(GLOVE, at_ns)
+        stream.learn(Info(RATE_HZ, "%", {}))
+        stream.raw(Chunk(("bend",), waves(played_ns, seconds / 10, 1), None, played_ns), at_ns)
+
+
+BACK_MS = """() => new Promise((done) => {
+    let last = sense4hri.lanes.now(), back = 0, pictures = 0;
+    requestAnimationFrame(function look() {
+        const now = sense4hri.lanes.now();
+        back = Math.max(back, last - now);
+        last = now;
+        if (++pictures < 150) requestAnimationFrame(look); else done(back);
+    });
+})"""
+
+
+def test_the_edge_of_a_slow_replay_goes_on_as_slowly(new_page: OpenPage) -> None:
+    """It does not run ahead at the pace of life, to be set back by half a second again and again."""
+    with Slowed() as lab:
+        page = new_page(lab.address)
+        page.wait_for_function("() => globalThis.sense4hri?.lanes.asked[0]?.drawable")
+        assert page.evaluate(BACK_MS) < 100

@@ -236,6 +236,18 @@ def test_what_somebody_else_has_stopped_is_not_asked_about(lab: Lab, new_page: O
     expect(page.locator("#session-said")).to_have_text(re.compile("^session 's1': complete"))
 
 
+def test_the_question_whether_to_stop_says_that_the_server_is_gone(new_page: OpenPage) -> None:
+    """Whoever has it open sees that nothing is known of the session any more."""
+    with Four() as gone:
+        page = streaming(new_page(gone.address))
+        gone.study.session.take_state({"session_id": "s1", "start_at": gone.site.page.now_ns(), "phase": 1})
+        expect(page.locator("#session-button")).to_contain_text("Cancel the start")
+        page.keyboard.press("g")
+        expect(page.locator("#stop-what")).to_have_text("Session s1 has not begun yet.")
+    gone_words = "No connection to the server: session s1 may go on, and cannot be stopped from here."
+    expect(page.locator("#stop-what")).to_have_text(gone_words)
+
+
 def test_how_long_is_recorded_is_not_told_by_the_sensors(
     lab: Lab, new_page: OpenPage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -548,3 +560,17 @@ def test_long_names_cover_no_value(new_page: OpenPage) -> None:
         assert edges == sorted(edges)
         assert edges[-1] < 390
         assert page.locator("#marker-human").evaluate("(e) => e.clientWidth") < 200
+
+
+def test_long_names_take_no_room_of_others(new_page: OpenPage) -> None:
+    """No lane is much higher for a name, and before a session each name stands within its own box."""
+    lab = Moving()
+    lab.worn = {"s" * 63: "p" * 63, "h10_2": "p2", "h10_3": "p3"}
+    with lab:
+        page = three(new_page(lab.address))
+        heights = page.locator("#lanes .group").evaluate_all("(groups) => groups.map((group) => group.clientHeight)")
+        assert max(heights) < 140, heights
+        page.keyboard.press("g")
+        expect(page.locator("#preflight .check-name").filter(has_text="p" * 63)).to_be_visible()
+        cut = "(boxes) => boxes.filter((box) => box.scrollWidth > box.clientWidth).map((box) => box.textContent)"
+        assert page.locator("#start .boxes label, #preflight").evaluate_all(cut) == []

@@ -4,9 +4,11 @@ import asyncio
 import re
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from threading import Barrier
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,12 +17,14 @@ from ears import Ears
 from hostile import mcap_bytes
 from mcap.reader import SeekingReader
 from mcap.writer import Writer
-from processes import Process, claimed_domain, poll
+from processes import DEADLINE_S, Process, claimed_domain, poll
 from rcl_interfaces.srv import ListParameters
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from replay.bag import open_recording
 from replay.config import Config
+from replay.outlet import Outlet, refusal, taken
 from replay.past import Past, before
 from replay.player import Player
 from rosgraph_msgs.msg import Clock
@@ -299,6 +303,48 @@ def test_what_somebody_begins_to_publish_before_the_first_message_is_left_to_the
     assert heard.count == []
     assert "NOT PLAYED: /count: it is published already, by /heard" in replay.log()
     heard.node.destroy_publisher(live)
+
+
+def player(node: Node, bag: Path, **parameters: Any) -> Player:
+    """A player in this process."""
+    graph = SimpleNamespace(unwatch=lambda what: None)
+    service = SimpleNamespace(node=node, log=node.get_logger(), watch=lambda *what: what, graph=graph)
+    return Player(service, Config(bag=str(bag), rate=0.0, linger_s=0.0, **parameters))
+
+
+def test_who_publishes_is_asked_of_all_topics_before_the_first_is_opened(heard, bag, monkeypatch):
+    """Two replays that open at once would share a recording out between them: each has the topics it opened first."""
+    done: list[str] = []
+    for name, function in {"Outlet": Outlet, "refusal": refusal}.items():
+        noted = lambda *given, name=name, function=function: (done.append(name), function(*given))[1]  # noqa: E731
+        monkeypatch.setattr(f"replay.player.{name}", noted)
+    asyncio.run(player(heard.node, bag, discovery_timeout_s=0.0).run())
+    assert done == ["refusal"] * 3 + ["Outlet"] * 2
+
+
+def test_of_two_replays_begun_at_once_exactly_one_stays(heard, opened, bag, monkeypatch):
+    """Neither sees the other begin, and both see both before either acts: one plays all, the other says why not."""
+    seen, together = set(), Barrier(2, timeout=DEADLINE_S)
+
+    def at_once(node: Node, name: str, own: int = 0) -> str:
+        why = taken(node, name, own) if own else ""
+        if own and (node, name) not in seen:
+            seen.add((node, name))
+            together.wait()
+        return why
+
+    for module in ("outlet", "player"):
+        monkeypatch.setattr(f"replay.{module}.taken", at_once)
+    players = [player(opened(Ears("replay")).node, bag, wait_for=("heard",)) for _ in range(2)]
+    with ThreadPoolExecutor() as threads:
+        runs = [threads.submit(asyncio.run, one.run()) for one in players]
+        heard.until(lambda: all(run.done() for run in runs), "the end of both")
+    ended = {str(run.exception() or ""): one for run, one in zip(runs, players, strict=True)}
+    assert ended.keys() == {"", f"nothing of {bag} can be played"}
+    assert ended.pop("").refused.keys() == {"/unknown"}
+    (left,) = ended.values()
+    assert "published already, by /replay" in left.refused["/count"]
+    heard.until(lambda: heard.count == list(range(200)), lambda: f"all of {heard.count}")
 
 
 @pytest.mark.parametrize(("parameter", "value"), [("bag", "/none"), ("start_s", 1000.0)])

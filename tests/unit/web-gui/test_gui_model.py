@@ -176,6 +176,19 @@ def test_a_sensor_on_its_way_to_another_person_is_no_error():
     assert not any("at once" in text for text in sentences(study))
 
 
+def test_a_sensor_that_has_changed_hands_in_a_replay_is_neither_there_twice_nor_missed():
+    """The topics of both stay on the graph from the first message to the last; what nobody sends is still missed."""
+    study = Study()
+    for human, ago_s in (("p1", 30), ("p2", 0)):
+        streaming(study, ECG._replace(human_id=human), NOW - ago_s * S)
+    assert sentences(study) == []
+    later = NOW + 10 * S
+    assert [text[:26] for text in sentences(study, later)] == [
+        "p1 / h10_1: no data for 40",
+        "p2 / h10_1: no data for 10",
+    ]
+
+
 def test_what_is_computed_of_a_sensor_moves_with_it():
     """Neither the old stream nor one late message of features is a second sensor; nothing stays with who wore it."""
     study = Study()
@@ -297,6 +310,18 @@ def test_a_marker_without_a_stamp_stands_where_it_was_heard():
     assert [marked.at_ns for marked in study.markers] == [NOW, NOW - S]
 
 
+def test_a_marker_that_a_replay_says_again_is_one_marker():
+    """Sought back, or in a loop, it says what it has said: the same event, not a second one."""
+    study = Study()
+    told = [
+        {"stamp_ns": NOW - k * S, "name": "response", "value": value, "human_id": ""}
+        for k, value in [(2, "a"), (1, "b")]
+    ]
+    for plain in [*told, *told, {**told[1], "human_id": "p1"}]:
+        study.take_marker(plain, NOW)
+    assert [(marked.value, marked.human_id) for marked in study.markers] == [("a", ""), ("b", ""), ("b", "p1")]
+
+
 def test_the_strip_has_one_point_a_second_and_a_bounded_length():
     """Ten minutes are kept, no more; stretches of one state are one stretch."""
     study = Study(trend_s=60.0)
@@ -323,6 +348,26 @@ def test_the_strip_tells_of_a_time_once_where_a_replay_is_sought_back():
     assert at_s == [*range(70 - 20)]
     assert [rate for _, rate in trend["heart_rate"]] == 41 * [70.0] + 9 * [90.0]  # the edge follows within a second
     assert [(to_ms - from_ms) / 1e3 for from_ms, to_ms, _ in trend["state"]] == [49.0]
+
+
+def test_the_strip_of_a_fast_replay_has_no_holes_between_its_points():
+    """A state that is told all the time is one stretch at any speed, also when it is played slowly after that."""
+    study = Study()
+    streaming(study)
+    played_ns = NOW - 86_400 * S
+    for second in range(40):
+        now_ns = NOW + second * S
+        study.axis.saw(played_ns, now_ns)
+        state = "stressed_anxious" if second == 10 else "calm_relaxed"
+        study.take_state("p1", {"state": state, "heart_rate_bpm": 70.0, "reasons": []}, now_ns)
+        study.tick(now_ns)
+        played_ns += (20 if second < 20 else 1) * S
+    (trend,) = trend_message(study)["participants"]
+    (first_ms, until_ms, _), (stressed_ms, calm_ms, state), (again_ms, last_ms, _) = trend["state"][-3:]
+    assert state == "stressed_anxious"
+    assert (until_ms - first_ms) / 1e3 > 7 * 20  # the pace is known after the first points
+    assert (stressed_ms - until_ms, again_ms - calm_ms) == (1000, 1000)  # a point lasts a second
+    assert (last_ms - again_ms) / 1e3 == 9 * 20 + 19 + 19
 
 
 def test_a_stream_without_raw_is_derived_until_it_falls_silent_and_is_forgotten():
@@ -402,6 +447,64 @@ def test_the_edge_stays_with_what_is_played_at_any_speed(rate):
         if not 600 <= tenth <= 610:
             assert 0 <= axis.now_ns(now_ns) - played_ns <= S
     assert axis.replaying(now_ns)
+
+
+class Slow:
+    """A person's ECG of a day ago, played at a rate: samples twice a second of it, everything else once."""
+
+    def __init__(self, rate):
+        self.study, self.rate = Study(clock=NEVER_SET), rate
+        self.at_ns, self.played_ns = NOW, NOW - 86_400 * S
+
+    def play(self, seconds, streams=(ECG,)):
+        """Play so many s of it; yield what time it is, five times between two messages."""
+        for half in range(2 * seconds):
+            for name in streams:
+                self.study.axis.saw(self.played_ns, self.at_ns)
+                stream = self.study.stream(name, self.at_ns)
+                stream.learn(Info(130.0, "uV", {}))
+                stream.raw(
+                    Chunk(("ecg",), np.zeros((65, 1)), self.played_ns - NOW + 90_000 * S, self.played_ns), self.at_ns
+                )
+                if half % 2 == 0:
+                    stream.take_health({**HEALTH, "header": {"stamp": self.played_ns}}, self.at_ns)
+                    stream.take_features(FEATURES, self.at_ns)
+                    stream.take_clock({**CLOCK, "offset_ns": NOW - 90_000 * S}, self.at_ns)
+                    self.study.take_state("p1", {"state": "calm_relaxed", "heart_rate_bpm": 72.0}, self.at_ns)
+            yield from self.wait(0.5)
+
+    def wait(self, seconds):
+        """Let so many s of it pass without a message; yield what time it is."""
+        for _ in range(5):
+            self.at_ns += round(seconds * S / self.rate / 5)
+            self.played_ns += round(seconds * S / 5)
+            yield self.at_ns
+
+
+@pytest.mark.parametrize("rate", [0.02, 0.1, 0.25, 1.0, 4.0])
+def test_what_is_played_slowly_is_not_lost_between_two_messages(rate):
+    """Half a second of the recording is half a second, however long it takes."""
+    slow = Slow(rate)
+    study = slow.study
+    for now_ns in slow.play(20):
+        assert study.streams[ECG].status(now_ns) == "streaming"
+        assert study.state("p1", now_ns) is not None
+        assert sentences(study, now_ns) == []
+        assert abs(study.axis.now_ns(now_ns) - slow.played_ns) <= 0.5 * S
+    assert study.streams[ECG].patience_s() == pytest.approx(max(1.0, 2 * 0.5 / max(1.0, rate) + 0.5))
+
+
+def test_what_falls_silent_while_the_rest_is_played_slowly_is_lost():
+    """After as much of the recording as it would have taken live."""
+    slow = Slow(0.1)
+    other = ECG._replace(sensor_id="h10_2")
+    for _ in slow.play(10, (ECG, other)):
+        pass
+    told_ns = slow.played_ns - S  # of its health
+    said = [(slow.study.streams[other].status(now_ns), slow.played_ns) for now_ns in slow.play(10)]
+    lost_ns = next(at_ns for status, at_ns in said if status == "lost")
+    assert (lost_ns - told_ns) / S == pytest.approx(3.1, abs=0.05)
+    assert slow.study.streams[ECG].status(slow.at_ns) == "streaming"
 
 
 def test_unassigned_sensors_come_last_and_people_in_their_order():

@@ -17,8 +17,8 @@ from sense4hri.stamps import from_ns
 from replay.bag import open_recording
 from replay.computed import Computed
 from replay.config import Config
-from replay.listeners import Listeners
-from replay.outlet import Outlet
+from replay.listeners import LOOK_S, Listeners
+from replay.outlet import Outlet, process_of, refusal, taken
 from replay.pace import Pace
 from replay.past import Past, before
 from replay.recorded import BagError
@@ -86,7 +86,7 @@ class Player:
         try:
             await self._open_outlets()
             await self._listeners.come()
-            self._give_way()
+            await self._give_way()
             self.state = "playing"
             next_ns: int | None = self.recording.start_ns + round(self._config.start_s * 1e9)
             while not self._stopped and (next_ns is not None or self._config.loop):
@@ -153,18 +153,19 @@ class Player:
     async def _open_outlets(self) -> None:
         """Look at who is there, then publish every topic that nobody else publishes."""
         await self._listeners.unchanged(lambda: tuple(map(str, self._service.node.get_topic_names_and_types())))
-        taken: dict[str, str] = {}
-        for topic in self.recording.topics:
-            target = self._targets.get(topic.name)
-            if target is None or not topic.messages or self._stopped:
-                continue
+        node, given = self._service.node, {} if self._clock is None else {"/clock": "the parameter clock"}
+        topics = [] if self._stopped else [topic for topic in self.recording.topics if topic.messages]
+        named = [(topic, target) for topic in topics if (target := self._targets.get(topic.name))]
+        # asked of all before the first is opened: of another replay that opens at once all are seen, or none
+        refusals = [refusal(node, topic, target) for topic, target in named]
+        for (topic, target), why in zip(named, refusals, strict=True):
             try:
-                if topic.refused:
-                    raise BagError(topic.refused)
-                if target in taken or (target == "/clock" and self._clock is not None):
-                    raise BagError(f"{target} is played already, from {taken.get(target, 'the parameter clock')}")
-                self._outlets[topic.name] = Outlet(self._service.node, topic, target)
-                taken[target] = topic.name
+                if target in given:
+                    raise BagError(f"{target} is played already, from {given[target]}")
+                if why:
+                    raise BagError(why)
+                self._outlets[topic.name] = Outlet(node, topic, target)
+                given[target] = topic.name
             except BagError as err:
                 self._refuse(topic.name, str(err))
         self._demand_something()
@@ -174,12 +175,22 @@ class Player:
         self._computed = Computed(self._service, wanted)
         self._log.info(f"{self.recording.path}: {len(self._outlets)} topics, {self.duration_s:.1f} s")
 
-    def _give_way(self) -> None:
-        """Leave to others what they have begun to publish meanwhile, such as another replay that was begun at once."""
-        for name, outlet in list(self._outlets.items()):
-            if why := outlet.taken(own=1):
-                self._outlets.pop(name).close()
-                self._refuse(name, why)
+    async def _give_way(self) -> None:
+        """Leave to others what they have begun to publish meanwhile.
+
+        Of replays that were begun at once the first by its id waits until the others have left it theirs; one that
+        does not was not begun at once, and plays.
+        """
+        own = b""
+        until_s = time.monotonic() + self._config.discovery_timeout_s
+        while contested := {name: why for name, one in self._outlets.items() if (why := taken(one.node, one.name, 1))}:
+            own = own or process_of(self._service.node)
+            late = self._stopped or time.monotonic() > until_s
+            for name, why in contested.items():
+                if late or not self._outlets[name].precedes(own):
+                    self._outlets.pop(name).close()
+                    self._refuse(name, why)
+            await asyncio.sleep(LOOK_S)
         self._demand_something()
 
     def _refuse(self, topic: str, why: str) -> None:

@@ -40,9 +40,10 @@ class Marked(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """One second of the strip; heart rate NaN = unknown."""
+    """One point of the strip, each second; heart rate NaN = unknown; step_ns: about how long after the one before."""
 
     at_ns: int
+    step_ns: int
     heart_rate_bpm: float
     state: str
     expression: str
@@ -75,7 +76,7 @@ class Study:
         if found is None:
             if len(self.streams) >= MOST_STREAMS:
                 self._forget(min(self.streams.values(), key=lambda one: one.last_at_ns).name)
-            found = self.streams[name] = Stream(name, self.history_s, now_ns, self.clock)
+            found = self.streams[name] = Stream(name, self.history_s, now_ns, self.clock, self.axis.age_ns)
             self._worn = None
         return found
 
@@ -106,9 +107,11 @@ class Study:
         _keep(self.faces, face_id, Fresh(plain, now_ns))
 
     def take_marker(self, plain: Plain, now_ns: int) -> None:
-        """Take a marker; one without a stamp stands where it was heard."""
+        """Take a marker; one without a stamp stands where it was heard, one that a replay says again where it is."""
         texts = (str(plain.get(key, "")) for key in ("name", "value", "human_id"))
-        self.markers.append(Marked(int(plain["stamp_ns"]) or self.clock.wall_ns(now_ns), *texts))
+        marked = Marked(int(plain["stamp_ns"]) or self.clock.wall_ns(now_ns), *texts)
+        if marked not in self.markers:
+            self.markers.append(marked)
 
     def tick(self, now_ns: int) -> None:
         """Once per second: extend the strip, forget what has long been gone."""
@@ -130,6 +133,7 @@ class Study:
             trend.append(
                 Moment(
                     at_ns,
+                    self.axis.step_ns(now_ns),
                     math.nan if heart_rate is None else heart_rate,
                     str(state["state"]) if state else "",
                     self.expression(human_id, now_ns),
@@ -177,7 +181,7 @@ class Study:
     def state(self, human_id: str, now_ns: int) -> Plain | None:
         """Return a participant's fused state unless it is old."""
         fresh = self.states.get(human_id)
-        return fresh.plain if fresh and now_ns - fresh.at_ns < FRESH_NS else None
+        return fresh.plain if fresh and self.axis.age_ns(fresh.at_ns, now_ns) < FRESH_NS else None
 
     def heart_rate(self, human_id: str, now_ns: int) -> tuple[float | None, str]:
         """Return (beats per minute, where it is from), or (None, why there is none)."""
@@ -197,7 +201,7 @@ class Study:
         if state is None:
             return ""
         face = self.faces.get(str(state.get("face_id", "")))
-        if face is not None and now_ns - face.at_ns < FACE_FRESH_NS:
+        if face is not None and self.axis.age_ns(face.at_ns, now_ns) < FACE_FRESH_NS:
             return str(face.plain.get("expression", ""))
         return str(state.get("expression", ""))
 

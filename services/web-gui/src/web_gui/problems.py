@@ -30,10 +30,11 @@ def problems(study: Study, now_ns: int) -> Iterator[Problem]:
     for sensor_id, texts in study.notes.items():
         for which, text in enumerate(texts):
             yield Problem(f"note {sensor_id} {which}", f"{sensor_id}: {text}", "error")
-    by_sensor = sorted(study.streams.values(), key=_sensor_key)
+    there = _there(study, now_ns)
+    by_sensor = sorted(there, key=_sensor_key)
     for (human_id, sensor_id), streams in groupby(by_sensor, key=_sensor_key):
         yield from of_sensor(study, human_id, sensor_id, list(streams), now_ns)
-    yield from _duplicates(study, now_ns)
+    yield from _duplicates(there, now_ns)
     yield from _late(study, now_ns)
 
 
@@ -85,10 +86,21 @@ def _sensor_key(stream: Stream) -> tuple[str, str]:
     return stream.name.human_id, stream.name.sensor_id
 
 
-def _duplicates(study: Study, now_ns: int) -> Iterator[Problem]:
+def _there(study: Study, now_ns: int) -> list[Stream]:
+    """Return all streams but those whose sensor has changed hands: in a replay the old topics stay, and are silent."""
+    elsewhere = {stream.name[1:] for stream in study.streams.values() if _heard(stream, now_ns)}
+    return [s for s in study.streams.values() if s.name[1:] not in elsewhere or _heard(s, now_ns)]
+
+
+def _heard(stream: Stream, now_ns: int) -> bool:
+    """True where samples came for no longer ago than a move takes, or than is usual between two."""
+    return stream.has_raw and stream.silence_s(now_ns) < max(MOVING_NS / SECOND_NS, stream.patience_s())
+
+
+def _duplicates(there: list[Stream], now_ns: int) -> Iterator[Problem]:
     """Yield sensors that stream under two names for longer than a move to another one takes."""
-    there = [s for s in study.streams.values() if s.online and (s.has_raw or s.fresh_features(now_ns))]
-    settled = [s.name for s in there if now_ns - s.since_ns > MOVING_NS]
+    streaming = [s for s in there if s.online and (_heard(s, now_ns) or s.fresh_features(now_ns))]
+    settled = [s.name for s in streaming if now_ns - s.since_ns > MOVING_NS]
     online = sorted((name.sensor_type, name.sensor_id, name.human_id) for name in settled)
     for (kind, sensor_id), names in groupby(online, key=lambda name: name[:2]):
         humans = [name[2] for name in names]

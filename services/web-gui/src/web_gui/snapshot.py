@@ -1,7 +1,7 @@
 """The study as the JSON object the page shows. Pure; every number is finite or null, every text is just text."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from itertools import groupby
 from typing import Any
@@ -11,11 +11,11 @@ from sense4hri.stamps import SECOND_NS
 
 from web_gui import preflight
 from web_gui.drawn import DERIVED, EVENTS
-from web_gui.model import Study
+from web_gui.model import Moment, Study
 from web_gui.problem_log import Entry, ProblemLog
 from web_gui.readings import display_unit, further_reasons, number, rows
 from web_gui.steady import Steady
-from web_gui.stream import CLOCK_STATES, HEALTH_FRESH_NS, Stream
+from web_gui.stream import CLOCK_STATES, Stream
 from web_gui.view import MOST_CHANNELS
 
 MOST_ENDED, MOST_LASTING = 30, 200
@@ -31,6 +31,7 @@ def study_message(study: Study, log: ProblemLog, now_ns: int) -> Json:
         "now_ms": _ms(study.axis.now_ns(now_ns)),
         "wall_ms": _ms(study.clock.wall_ns(now_ns)),
         "replay": study.axis.replaying(now_ns),
+        "rate": study.axis.rate(now_ns),
         "history_s": study.history_s,
         "session": _session(study),
         "preflight": {
@@ -60,8 +61,8 @@ def trend_message(study: Study) -> Json:
             {
                 "id": human_id,
                 "heart_rate": [[_ms(m.at_ns), _finite(m.heart_rate_bpm, 1)] for m in trend],
-                "state": _stretches([(m.at_ns, m.state) for m in trend]),
-                "expression": _stretches([(m.at_ns, m.expression) for m in trend]),
+                "state": _stretches((m, m.state) for m in trend),
+                "expression": _stretches((m, m.expression) for m in trend),
             }
             for human_id in study.humans()
             if (trend := study.trends.get(human_id))
@@ -196,7 +197,7 @@ def _qualities(stream: Stream, features: Mapping[str, Any] | None) -> list[float
 def _absent(stream: Stream, now_ns: int) -> Mapping[str, Any]:
     if stream.features is None:
         return {"reasons": ["no features on the graph"]}
-    return {"reasons": [f"no features for {(now_ns - stream.features.at_ns) / SECOND_NS:.0f} s"]}
+    return {"reasons": [f"no features for {stream.age_ns(stream.features.at_ns, now_ns) / SECOND_NS:.0f} s"]}
 
 
 def _extra(features: Mapping[str, Any] | None) -> list[Json]:
@@ -216,7 +217,7 @@ def _clock(stream: Stream, now_ns: int) -> Json:
         return {"state": "NONE", "note": "no clock model on the graph; placed by arrival"}
     plain = stream.clock.plain
     state = int(plain.get("state", 0))
-    age_s = (now_ns - stream.clock.at_ns) / SECOND_NS
+    age_s = stream.age_ns(stream.clock.at_ns, now_ns) / SECOND_NS
     return {
         "state": CLOCK_STATES[state] if state < len(CLOCK_STATES) and stream.fresh_clock(now_ns) else "NONE",
         "note": f"no news for {age_s:.0f} s" if age_s > 5 else "",
@@ -234,10 +235,10 @@ def _health(stream: Stream, now_ns: int) -> Json | None:
     if stream.health is None:
         return None
     plain = stream.health.plain
-    age_ns = now_ns - stream.health.at_ns
-    fresh = age_ns <= HEALTH_FRESH_NS
+    fresh = stream.fresh_health(now_ns) is not None
+    age_s = stream.age_ns(stream.health.at_ns, now_ns) / SECOND_NS
     return {
-        "stale": "" if fresh else f"no news from the driver for {age_ns / SECOND_NS:.0f} s",
+        "stale": "" if fresh else f"no news from the driver for {age_s:.0f} s",
         "host": plain.get("host", ""),
         "nominal_hz": _finite(plain.get("nominal_rate_hz"), 1),
         "measured_hz": _finite(plain.get("measured_rate_hz"), 2) if fresh else None,
@@ -271,15 +272,15 @@ def _entry(entry: Entry, clock: Steady) -> Json:
     }
 
 
-def _stretches(moments: list[tuple[int, str]]) -> list[list[Any]]:
+def _stretches(moments: Iterable[tuple[Moment, str]]) -> list[list[Any]]:
     """Return [from_ms, to_ms, text] of every stretch of one and the same non-empty text."""
     found: list[list[Any]] = []
-    for at_ns, text in moments:
-        at_ms = _ms(at_ns)
-        if found and found[-1][2] == text and at_ms - found[-1][1] < 2500:
+    for moment, text in moments:
+        at_ms, step_ms = _ms(moment.at_ns), _ms(moment.step_ns)
+        if found and found[-1][2] == text and at_ms - found[-1][1] < 2.5 * step_ms:
             found[-1][1] = at_ms
         else:
-            found.append([at_ms, at_ms, text])
+            found.append([at_ms - step_ms + 1000, at_ms, text])
     return [stretch for stretch in found if stretch[2]]
 
 

@@ -4,7 +4,7 @@ Nothing here asks how late it is: every method is given `now_ns`, of the study's
 """
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -63,10 +63,13 @@ class Stream:
     """One topic family `/humans/physiological/<human>/<type>/<sensor>/*`.
 
     clock: tells the time of day of a moment `now_ns`, for whatever stands beside a stamp.
+    age_ns: of a moment and of `now_ns`, see `axis.Axis`.
     """
 
-    def __init__(self, name: StreamName, history_s: float, now_ns: int, clock: Steady) -> None:
-        self.name, self.since_ns = name, now_ns
+    def __init__(
+        self, name: StreamName, history_s: float, now_ns: int, clock: Steady, age_ns: Callable[[int, int], int]
+    ) -> None:
+        self.name, self.since_ns, self.age_ns = name, now_ns, age_ns
         self.key = "/".join(name)
         self.info: Info | None = None
         self.history: History | None = None
@@ -103,8 +106,7 @@ class Stream:
         if not self.has_raw:
             self.history = None
         if self.raw_at_ns:
-            seconds = (now_ns - self.raw_at_ns) / SECOND_NS
-            self.interval_s = max(0.98 * self.interval_s, min(self._longest_s, seconds))
+            self.interval_s = max(0.98 * self.interval_s, min(self._longest_s, self.silence_s(now_ns)))
         self.has_raw, self.raw_at_ns, self.last_at_ns = True, now_ns, now_ns
         delay_ns = self._day.wall_ns(now_ns) - chunk.received_ns
         if self._day.settled(now_ns):
@@ -149,11 +151,11 @@ class Stream:
 
     def device_values(self, now_ns: int) -> dict[str, float]:
         """Return what the device itself reported lately."""
-        return {name: value for name, (value, at_ns) in self.reported.items() if now_ns - at_ns < FRESH_NS}
+        return {name: value for name, (value, at_ns) in self.reported.items() if self.age_ns(at_ns, now_ns) < FRESH_NS}
 
     def silence_s(self, now_ns: int) -> float:
         """Return for how long no raw message came."""
-        return (now_ns - (self.raw_at_ns or self.since_ns)) / SECOND_NS
+        return self.age_ns(self.raw_at_ns or self.since_ns, now_ns) / SECOND_NS
 
     def patience_s(self) -> float:
         """Return after how long a silence is a hole rather than the usual pause between two messages."""
@@ -167,9 +169,9 @@ class Stream:
             if not self.has_raw:
                 return "waiting" if self.features is None else "derived" if self.fresh_features(now_ns) else "silent"
             return "streaming" if self.silence_s(now_ns) < max(3.0, self.patience_s()) else "lost"
-        if now_ns - self.health.at_ns > HEALTH_FRESH_NS:
+        if (health := self.fresh_health(now_ns)) is None:
             return "lost"
-        state = int(self.health.plain.get("state", 0))
+        state = int(health.get("state", 0))
         word = STATES[state] if state < len(STATES) else "lost"
         if word == "streaming" and self.silence_s(now_ns) > max(3.0, self.patience_s()):
             return "streaming" if not self.has_raw and self.device_values(now_ns) else "silent"
@@ -177,11 +179,15 @@ class Stream:
 
     def fresh_features(self, now_ns: int) -> Plain | None:
         """Return the newest features unless they are old."""
-        return self.features.plain if self.features and now_ns - self.features.at_ns < FRESH_NS else None
+        return self.features.plain if self.features and self.age_ns(self.features.at_ns, now_ns) < FRESH_NS else None
+
+    def fresh_health(self, now_ns: int) -> Plain | None:
+        """Return what the driver said last unless it is old."""
+        return self.health.plain if self.health and self.age_ns(self.health.at_ns, now_ns) <= HEALTH_FRESH_NS else None
 
     def fresh_clock(self, now_ns: int) -> Plain | None:
         """Return the newest clock model unless it is old."""
-        return self.clock.plain if self.clock and now_ns - self.clock.at_ns <= 2 * FRESH_NS else None
+        return self.clock.plain if self.clock and self.age_ns(self.clock.at_ns, now_ns) <= 2 * FRESH_NS else None
 
     @property
     def _longest_s(self) -> float:

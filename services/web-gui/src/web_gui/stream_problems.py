@@ -1,7 +1,6 @@
 """What is wrong with one sensor and its streams, in sentences. Pure."""
 
 from collections.abc import Iterator
-from typing import Any
 
 from sense4hri.modalities import MODALITIES
 from sense4hri.names import UNASSIGNED
@@ -11,7 +10,7 @@ from web_gui.model import Study
 from web_gui.problem_log import Problem
 from web_gui.readings import number
 from web_gui.rules import RULES
-from web_gui.stream import HEALTH_FRESH_NS, Stream
+from web_gui.stream import Stream
 
 SETTLE_S = 10.0  # a new stream may take this long before anything is missing
 LOW_QUALITY = 0.5
@@ -59,15 +58,15 @@ def _why_dead(streams: list[Stream], now_ns: int) -> str:
     since = f"no data for {_duration(stream.silence_s(now_ns))}"
     if not any(s.raw_at_ns for s in streams):
         since = f"no data yet, {_duration(stream.silence_s(now_ns))} after it appeared; is it on, worn and near?"
-    health = stream.health
-    if health is None or now_ns - health.at_ns > HEALTH_FRESH_NS:
+    health = stream.fresh_health(now_ns)
+    if health is None:
         silent = "its driver has left the graph" if not stream.online else "its driver says nothing"
         return f"{since}; {silent}. It comes back by itself when the driver does"
-    reasons = "; ".join(str(text) for text in health.plain.get("reasons", ()))
+    reasons = "; ".join(str(text) for text in health.get("reasons", ()))
     doing = "connecting" if statuses & {"connecting", "starting"} else "reconnecting"
     if statuses == {"silent"}:
         doing = "the driver is connected but receives no samples"
-    times = int(health.plain.get("reconnects_total", 0))
+    times = int(health.get("reconnects_total", 0))
     again = f", {times} reconnection{'s' * (times != 1)} so far" if times > 0 else ""
     return f"{since}, {doing}{again}" + (f" ({reasons})" if reasons else "")
 
@@ -90,9 +89,8 @@ def _worn(who: str, streams: list[Stream], now_ns: int) -> Iterator[Problem]:
 
 def condition(rule: str, stream: Stream, now_ns: int) -> float | None:
     """Return the value of a stream that BatteryLow, ContactLost or RateLow judges; None where it is not known."""
-    if stream.health is None or now_ns - stream.health.at_ns > HEALTH_FRESH_NS:
+    if (told := stream.fresh_health(now_ns)) is None:
         return None
-    told: Any = stream.health.plain
     if rule == "BatteryLow":
         percent = number(told.get("battery_percent"))
         return None if percent is None else percent / 100
@@ -109,7 +107,7 @@ def _of_stream(study: Study, who: str, stream: Stream, now_ns: int) -> Iterator[
         yield Problem.of(
             "RateLow", f"rate {stream.key}", f"{who}: {kind} comes at {100 * ratio:.0f} % of its rate", stream.key
         )
-    settled = (now_ns - stream.since_ns) / SECOND_NS > SETTLE_S
+    settled = stream.age_ns(stream.since_ns, now_ns) / SECOND_NS > SETTLE_S
     if settled and (kind in INTERPRETED or stream.features):
         yield from _interpretation(study, who, stream, now_ns)
     if stream.history and stream.history.device_time:

@@ -10,7 +10,7 @@ import { Field } from "./field.js";
 import { GUTTER, axis, counted, grid, names, rowHeight, worth } from "./gutter.js";
 import { Ink } from "./ink.js";
 import { Line } from "./line.js";
-import { holes, markers, reading } from "./overlay.js";
+import { NUMBERLESS, holes, markers, reading } from "./overlay.js";
 import { Scale, usualRange } from "./scale.js";
 import { colourOf } from "./theme.js";
 import { WAYS } from "./ways.js";
@@ -61,7 +61,7 @@ export class Lane {
     /** @type {import("./frames.js").Mark[]} */
     this.marks = [];
     this.opened = false;
-    this.visible = false;
+    this.visible = this.numberless = false;
     this.drawnTo = NaN;
     this.lookedMs = 0;
     this.field = new Field(stream.unit);
@@ -78,8 +78,9 @@ export class Lane {
     text(this.title, stream.label);
     text(this.label, ` ${[stream.sensor, this.whichChannels(), stream.unit || "unit unknown"].filter((one) => one).join(" · ")}`);
     const silent = !["streaming", "derived"].includes(stream.status);
-    text(this.note, `${this.poor()}${stream.why_none ? ` · – ${stream.why_none}` : ""}${silent ? ` ${stream.status}` : ""}`);
-    attribute(this.button, "aria-label", `${stream.human} ${stream.type} ${stream.sensor}, ${stream.status}${this.poor()}${stream.why_none ? `, ${stream.why_none}` : ""}`);
+    const why = stream.why_none || (this.numberless ? NUMBERLESS : "");
+    text(this.note, `${this.poor()}${why ? ` · – ${why}` : ""}${silent ? ` ${stream.status}` : ""}`);
+    attribute(this.button, "aria-label", `${stream.human} ${stream.type} ${stream.sensor}, ${stream.status}${this.poor()}${why ? `, ${why}` : ""}`);
     this.element.classList.toggle("silent", silent);
     this.shape();
   }
@@ -231,6 +232,7 @@ export class Lane {
       this.news = false;
       const settled = this.line.newest - this.line.times[this.line.start] > 4000;
       const ranges = Array.from({ length: this.line.channels }, (_, c) => usualRange(this.line, c));
+      this.numberless = this.stream.raw && this.line.end > this.line.start + 1 && ranges.every((range) => range === null);
       this.field.grow(ranges, this.drawnAs("look"));
       if (this.many) this.considerRows(ranges, clockMs, settled);
       else {

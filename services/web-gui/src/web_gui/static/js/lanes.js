@@ -29,6 +29,7 @@ export class Lanes {
     this.windowMs = 10000;
     this.endMs = null; // null = live
     this.nowOffset = null; // server's now minus this page's clock
+    this.rate = 1; // of that clock: a replay may be slower than life
     this.markers = [];
     this.pointer = null;
     this.signature = "";
@@ -57,12 +58,22 @@ export class Lanes {
 
   /** Right edge of the axis in ms; the server's clock, carried on by this page's. */
   now() {
-    return this.frozenMs ?? performance.now() + this.nowOffset;
+    return this.frozenMs ?? this.clock + this.nowOffset;
+  }
+
+  get clock() { return performance.now() * this.rate; }
+
+  /** Go on at another pace from here. */
+  setRate(/** @type {number} */ rate) {
+    const before = this.clock;
+    this.rate = rate;
+    if (this.nowOffset !== null) this.nowOffset += before - this.clock;
   }
 
   /** Take the study message. */
   update(study) {
-    if (!this.asked.length) this.nowOffset = study.now_ms - performance.now(); // no frame tells it
+    this.setRate(study.rate);
+    if (!this.asked.length) this.nowOffset = study.now_ms - this.clock; // no frame tells it
     const streams = study.streams.filter((stream) => stream.lane);
     const groups = [];
     for (const stream of streams) {
@@ -131,7 +142,7 @@ export class Lanes {
   /** Take a binary frame. */
   take(frame) {
     this.frames += 1;
-    const measured = frame.nowMs - performance.now();
+    const measured = frame.nowMs - this.clock;
     const off = this.nowOffset === null ? Infinity : measured - this.nowOffset;
     this.frozenMs = null;
     if (Math.abs(off) > 500) this.nowOffset = measured;
@@ -194,7 +205,7 @@ export class Lanes {
 
   /** The page lost its server: what is shown stands still until the first frame of the next connection. */
   freeze() {
-    if (this.nowOffset !== null) this.frozenMs ??= performance.now() + this.nowOffset;
+    if (this.nowOffset !== null) this.frozenMs ??= this.clock + this.nowOffset;
     this.nowOffset = null;
   }
 

@@ -152,7 +152,7 @@ function connectionChanged(/** @type {boolean} */ connected) {
     lanes.freeze();
     lostMs = connection.lastDataMs || lostMs;
   }
-  if (study) sessionBar.startDialog.update(study);
+  if (study) sessionBar.update(study);
   tellTime();
 }
 

@@ -4,6 +4,8 @@ import { fixed, span } from "./format.js";
 
 /** @typedef {import("./ways.js").Brush} Brush */
 
+export const NUMBERLESS = "every sample is NaN";
+
 /** Hatched where samples are missing, with for how long. */
 export function holes(/** @type {Brush} */ brush) {
   const { lane, pen, x } = brush;
@@ -12,11 +14,11 @@ export function holes(/** @type {Brush} */ brush) {
   const newest = line.end > line.start ? line.newest : stream.newest_ms ?? NaN; // none in the window: before it
   if (until - newest > stream.patience_s * 1000) {
     hole(brush, x(newest), x(until), `no data for ${span(until - newest)}`);
-  }
+  } else if (lane.numberless) said(brush, 0, pen.width, NUMBERLESS);
 }
 
-function hole(/** @type {Brush} */ { c, lane, pen }, /** @type {number} */ from, /** @type {number} */ to, /** @type {string} */ label) {
-  const height = lane.timedHeight;
+function hole(/** @type {Brush} */ brush, /** @type {number} */ from, /** @type {number} */ to, /** @type {string} */ label) {
+  const { c, lane, pen } = brush, height = lane.timedHeight;
   const a = Math.max(0, from + 1), b = Math.min(pen.width, to - 1);
   if (b - a < 1) return;
   c.save();
@@ -34,8 +36,14 @@ function hole(/** @type {Brush} */ { c, lane, pen }, /** @type {number} */ from,
     c.lineTo(s + height, 0);
   }
   c.stroke();
+  said(brush, a, b, label);
+  c.restore();
+}
+
+/** Words in the middle between two places, where they have room. */
+function said(/** @type {Brush} */ { c, lane, pen }, /** @type {number} */ a, /** @type {number} */ b, /** @type {string} */ label) {
   const top = lane.compact ? lane.labelled * pen.ratio : 0; // not on the title of a low lane
-  const middle = (top + height) / 2, half = Math.min(10 * pen.ratio, (height - top) / 2);
+  const middle = (top + lane.timedHeight) / 2, half = Math.min(10 * pen.ratio, (lane.timedHeight - top) / 2);
   c.font = `600 ${Math.round((lane.compact ? 10.5 : 12) * pen.ratio)}px ${pen.colours.font}`;
   c.textAlign = "center";
   c.textBaseline = "middle";
@@ -46,7 +54,6 @@ function hole(/** @type {Brush} */ { c, lane, pen }, /** @type {number} */ from,
     c.fillStyle = pen.colours.text;
     c.fillText(label, (a + b) / 2, middle);
   }
-  c.restore();
 }
 
 /** Dashed lines through the lane, at the study's markers. */

@@ -132,7 +132,9 @@ export class SessionBar {
     if (!this.stopDialog.open) return;
     if (!this.running || session.id !== this.asked) this.stopDialog.close();
     const runs = session.doubt ? `runs, but ${session.doubt}` : "is being recorded";
-    text(byId("stop-what"), `Session ${session.id} ${session.phase === "preparing" ? "has not begun yet" : runs}.`);
+    const known = `Session ${session.id} ${session.phase === "preparing" ? "has not begun yet" : runs}.`;
+    const unknown = `No connection to the server: session ${session.id} may go on, and cannot be stopped from here.`;
+    text(byId("stop-what"), this.connection.connected ? known : unknown);
   }
 
   async stop() {
