@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
 from sense4hri.motion import Motion
+from sense4hri.resolution import least_step
 from sense4hri.slow import GRID_HZ, Slow, newest_run, smoothed
 from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature
@@ -93,6 +94,7 @@ class EdaStream:
         self._slow.restart()
         self._raw, self._spread, self._tonic = np.empty(0), np.empty(0), np.empty(0)
         self._times_ns, self._withheld = np.empty(0, np.int64), np.empty(0, bool)  # withheld: of these nothing was told
+        self._sample, self._steps = np.empty((0, 1)), np.empty(0)  # the newest; least step of each block of the window
         self._skin_ns = -(2**62)  # the last sample of skin
         self._loose_us = np.nan  # what an electrode that hangs loose shows
         self._responses: list[Response] = []
@@ -116,7 +118,11 @@ class EdaStream:
 
     def _extend(self, block: Block) -> None:
         samples = self._of_skin(block.samples[:, self._column], block.times_ns)
-        points = self._slow.push(samples[:, None], block.times_ns)
+        samples = samples[:, None]
+        blocks = round(self._config.window_s / self._config.update_interval_s)
+        self._steps = np.append(self._steps, least_step(np.concatenate([self._sample, samples])))[-blocks:]
+        self._sample = samples[-1:] if len(samples) else self._sample
+        points = self._slow.push(samples, block.times_ns)
         raw = points.values[:, 0]
         self._tonic = np.append(self._tonic, self._line(raw))
         self._raw, self._spread = np.append(self._raw, raw), np.append(self._spread, points.spread)
@@ -157,7 +163,8 @@ class EdaStream:
         self._answered_ns = block.end_ns
         known = raw[np.isfinite(raw)]
         ripple = features.ripple(known, self._period_s)
-        least = max(self._config.scr_threshold_us if self._scale == 1 else 0.0, features.NOISE_MARGIN * ripple)
+        told_from = np.fmax(features.NOISE_MARGIN * ripple, features.STEPS * np.fmin.reduce(self._steps))
+        least = float(np.fmax(self._config.scr_threshold_us if self._scale == 1 else 0.0, told_from))
         fresh = self._found(least, whole)
         self._recover()
         start_ns = block.end_ns - round(window_s * SECOND_NS)
@@ -259,7 +266,7 @@ class EdaStream:
         if wander:
             reasons.append("falls are as steep as rises, nothing is smooth: no skin does that, responses are doubtful")
         if self._scale == 1 and least > self._config.scr_threshold_us:
-            reasons.append(f"noise: responses below {least:.2g} uS are not told from it")
+            reasons.append(f"noise or resolution: responses below {least:.2g} uS are not told from it")
         if np.isnan(self._scale):
             unit = self._info.unit or "unknown"
             reasons.append(f"uncalibrated: the unit is {unit}, uS are needed for level and amplitudes")
