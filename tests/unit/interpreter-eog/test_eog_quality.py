@@ -188,3 +188,14 @@ def test_what_nothing_is_known_before_is_no_saccade():
         updates = play_signal(lambda info: EogStream(Config(), info), signal, 250.0, "eog", "uV", ("heog", "veog"))
         assert event_times_s(updates, "saccade_timestamps").tolist() == []
         assert updates[-1].blink_count >= 6
+
+
+@pytest.mark.parametrize("sd_uv", [50.0, 100.0])
+@pytest.mark.parametrize("on_s", [1.0, 3.0])
+def test_a_muscle_that_works_for_a_moment_makes_no_blinks(on_s, sd_uv):
+    """Jaws that close every 10 s: at most two blinks more than there are, and a lower quality the longer they do."""
+    bursts = np.where(on_s > TIMES_S % 10, sd_uv, 0.0) * NOISE
+    updates = play(CLEAN + bursts)
+    found = event_times_s(updates, "blink_timestamps")
+    assert len(found) <= len(BLINKS_S) + 2
+    assert updates[-1].signal_quality < play(CLEAN)[-1].signal_quality - 0.5 * on_s / 10

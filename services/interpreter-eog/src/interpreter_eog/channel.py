@@ -16,6 +16,7 @@ NEEDS_S = 0.9  # of signal before anything is said
 NOISE_AFTER_S = 30.0  # of nothing but noise it is told
 AT_RAIL = 0.5  # share of the newest STILL_S at an end of the range that is called saturated
 CONTEXT_S = 1.5  # before what is to be decided
+BESIDE_S = 0.5  # before and after an event, in which noise may have made it
 COUNTS_SPREAD_UV = 50.0  # a channel without a scale is taken to have this standard deviation
 COUNTS_MARGIN = 8.0  # times its ripple that its standard deviation is taken for at least
 
@@ -108,7 +109,7 @@ class Channel:
             return _nothing(problem, quality if problem.startswith("quality") else 0.0)
         past = level[-round(self._config.baseline_s * features.GRID_HZ) :]
         deflection = float(level[-1] - np.median(past)) if self._calibrated else np.nan
-        return Look(quality, deflection, *self._events(level, noise, times_ns, since_ns), "")
+        return Look(quality, deflection, *self._events(raw, level, times_ns, since_ns), "")
 
     def _scaled(self, raw: Floats) -> Floats:
         """Microvolts; of a channel without a scale what would be such if it moved as much as eyes usually do."""
@@ -118,27 +119,34 @@ class Channel:
         return (raw - raw[0]) * (COUNTS_SPREAD_UV / spread) if spread > 0 else raw - raw[0]
 
     def _events(
-        self, level: Floats, noise: float, times_ns: NDArray[np.int64], since_ns: int
+        self, raw: Floats, level: Floats, times_ns: NDArray[np.int64], since_ns: int
     ) -> tuple[tuple[list[Blink], list[Blink]], list[Saccade]]:
         """(blinks upwards and downwards, saccades) since then."""
-        limit, margin = features.speed_limit(level), features.NOISE_MARGIN * noise
+        limit, margin = features.speed_limit(level), features.NOISE_MARGIN * features.ripple(raw, level)
         begin = int(np.searchsorted(times_ns, since_ns - round(CONTEXT_S * SECOND_NS)))
-        level, times_ns = level[begin:], times_ns[begin:]
+        raw, level, times_ns = raw[begin:], level[begin:], times_ns[begin:]
         least = max(margin, self._config.least_blink_uv)
         up, down = (
-            [Blink(int(times_ns[b.peak]), 1e3 * b.duration_s, b.height) for b in features.blinks(sign * level, least)]
+            [
+                Blink(int(times_ns[b.peak]), 1e3 * b.duration_s, b.height)
+                for b in features.blinks(sign * level, least)
+                if b.height >= features.NOISE_MARGIN * _ripple_beside(raw, level, b.peak)
+            ]
             for sign in (1, -1)
         )
-        steps = features.saccades(level, max(margin, self._config.least_saccade_uv), limit)
+        steps = [
+            step
+            for step in features.saccades(level, max(margin, self._config.least_saccade_uv), limit)
+            if abs(step.amplitude) >= features.NOISE_MARGIN * _ripple_beside(raw, level, round(step.onset))
+        ]
         return (up, down), [Saccade(_time_ns(times_ns, step.onset), step.amplitude) for step in steps]
 
     def _quality(self, level: Floats, noise: float, window_s: float) -> float:
         """Of the window: the newest stretch without a hole tells how clean, all points how much of it is there."""
         points = round(window_s * features.GRID_HZ)
         filled = min(1.0, float(np.isfinite(self._raw[-points:]).sum()) / max(1.0, points - 3))
-        if self._calibrated:
-            noise = max(noise, float(np.median(self._noise)))
-        return features.quality(level, noise, filled)
+        noises = np.maximum(noise, self._noise) if self._calibrated else np.array([noise])
+        return features.quality(level, noises, filled)
 
     def _absent(self, end_ns: int) -> str:
         """Why there is no signal now; empty where there is."""
@@ -159,6 +167,13 @@ class Channel:
         if quality < self._config.min_quality:
             return f"quality {quality:.2f} is below {self._config.min_quality:g}"
         return ""
+
+
+def _ripple_beside(raw: Floats, level: Floats, at: int) -> float:
+    """The greater ripple of both sides of a point: a muscle that works for a moment is not in that of the minute."""
+    reach = round(BESIDE_S * features.GRID_HZ)
+    sides = slice(max(0, at - reach), at), slice(at, at + reach)
+    return float(np.nanmax([features.ripple(raw[side], level[side]) for side in sides]))
 
 
 def _nothing(problem: str, quality: float) -> Look:
