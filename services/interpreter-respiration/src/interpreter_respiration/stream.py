@@ -107,7 +107,7 @@ class RespirationStream:
     def _look(self, run: slice) -> Seen:
         raw, spread = self._shown(self._values[run]), self._spread[run]
         waves = features.breathing(raw) if len(raw) else raw
-        found = features.breaths(waves) if len(raw) else []
+        found = features.raised(raw, waves, features.breaths(waves)) if len(raw) else []
         known = spread[np.isfinite(spread)]
         period_s, likeness = features.autocorrelation(waves[-round(self._config.window_s * GRID_HZ) :])
         usual = float(np.median(known)) if len(known) else np.nan
