@@ -305,3 +305,24 @@ def test_a_pause_after_slow_breaths_is_no_breath(per_min, rise, fall):
     assert len(sure) > 100
     np.testing.assert_allclose([update.breaths_per_min for update in sure], per_min, atol=0.5)
     np.testing.assert_allclose([update.amplitude for update in sure], 100, atol=10)
+
+
+@pytest.mark.parametrize("fs_hz", [8.0, 25.0, 100.0])
+@pytest.mark.parametrize("held_s", [2.0, 4.0])
+def test_values_that_are_held_are_no_breathing(held_s, fs_hz):
+    """Twice in a minute the device repeats its last value and hides a breath: every sure rate is 15 all the same."""
+    times_s = np.arange(round(SECONDS * fs_hz)) / fs_hz
+    samples = belt(15.0, times_s) + np.random.default_rng(1).normal(0, 0.01, len(times_s))
+    for begin_s in (32.6, 64.9, 93.2):
+        samples[round(begin_s * fs_hz) : round((begin_s + held_s) * fs_hz)] = samples[round(begin_s * fs_hz)]
+    sure = [update for update in play(samples, fs_hz)[20:] if update.signal_quality >= 0.7]
+    assert len(sure) > 10
+    np.testing.assert_allclose([update.breaths_per_min for update in sure], 15.0, atol=0.3)
+
+
+def test_a_coarse_belt_that_is_held_still_holds_nothing():
+    """In 20 steps, with pauses between breaths that are one value: all of 12 a minute are told."""
+    chest = np.round(10 * np.maximum(belt(12.0, inhale=0.5), -0.5)) / 10
+    updates = play(chest)
+    assert len(breaths_s(updates)) == pytest.approx(23, abs=1)
+    np.testing.assert_allclose([update.breaths_per_min for update in updates[30:]], 12.0, atol=0.3)

@@ -13,7 +13,6 @@ FEWEST_STEPS, EVEN = 6, 0.25  # in a row, each interval within this share of the
 AROUND_S, ALIKE = 2.5, 0.7  # so far round a step the signal repeats itself, by its autocorrelation
 NOISE_SHARE, NOISE_HALVES = 0.25, 1.0  # of the variance that is no noise yet; m/s^2 of noise that halves the quality
 GRAVITY_HALVES = 2.0  # m/s^2 by which gravity may be wrong
-RARE = 0.01  # share of neighbours that are the same: a sensor that shows its noise
 UPRIGHT_DEG, LYING_DEG = 30.0, 60.0
 OFFSET_DEG = 17.0  # from equal axes: how far gravity tilts an offset of twice its size, that of a range of 2 g
 
@@ -73,21 +72,6 @@ def _alike(band: Floats, fs_hz: float) -> float:
         size = float(np.sqrt((one @ one) * (other @ other)))
         best = max(best, float(one @ other) / size) if size > 0 else best
     return best
-
-
-def held(samples: Floats, longest: int) -> NDArray[np.bool_]:
-    """Return which samples, shape (n, 3), are in a run of more than `longest` on all axes the same.
-
-    None where shorter runs come as well, or hardly anything else: there the resolution is coarse, and that is rest.
-    """
-    same = np.concatenate([[False], (samples[1:] == samples[:-1]).all(axis=1), [False]])
-    edges = np.flatnonzero(same[1:] != same[:-1]).reshape(-1, 2)  # first and last sample of each run
-    longer = np.diff(edges, axis=1)[:, 0] >= longest
-    out = np.zeros(len(samples), bool)
-    for first, last in edges[longer].tolist():
-        out[first : last + 1] = True
-    by_chance, alive = int(np.diff(edges[~longer], axis=1).sum()), np.count_nonzero(~out)
-    return out & (by_chance <= RARE * alive) & (alive > len(out) / 4)
 
 
 def tilt_deg(one: Floats, other: Floats) -> float:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
+from sense4hri.living import frozen
 from sense4hri.motion import UNIT, Moved
 from sense4hri.slow import drawn_through, runs
 from sense4hri.stamps import SECOND_NS
@@ -87,7 +88,7 @@ class MotionStream:
         kept = slice(int(np.searchsorted(self._times_ns, kept_ns, side="right")), None)
         self._raw = np.concatenate([self._raw[kept], block.samples[:, self._axes]])
         self._times_ns = np.concatenate([self._times_ns[kept], block.times_ns])
-        held = features.held(self._raw, round(BRIDGED_S * self._fs_hz))
+        held = frozen(self._raw, round(BRIDGED_S * self._fs_hz))
         self._samples = np.where(held[:, None], np.nan, self._raw)
         self._signed = self._signed or bool((block.samples[:, self._axes] < 0).any())
         if block.hole is None:
