@@ -199,3 +199,14 @@ def test_a_muscle_that_works_for_a_moment_makes_no_blinks(on_s, sd_uv):
     found = event_times_s(updates, "blink_timestamps")
     assert len(found) <= len(BLINKS_S) + 2
     assert updates[-1].signal_quality < play(CLEAN)[-1].signal_quality - 0.5 * on_s / 10
+
+
+def test_values_that_are_held_hide_blinks_and_lower_no_rate():
+    """Every 7.3 s the device repeats its last value for 3 s: the rate is that of the other time, 15, the quality lower."""
+    samples = CLEAN.copy()
+    for begin_s in np.arange(5.2, 48.0, 7.3):
+        samples[round(begin_s * FS_HZ) : round((begin_s + 3.0) * FS_HZ)] = samples[round(begin_s * FS_HZ)]
+    told = [update for update in play(samples)[25:] if np.isfinite(update.blink_rate_per_min)]
+    assert len(told) > 10
+    assert max(update.signal_quality for update in told) < 0.7
+    np.testing.assert_allclose([update.blink_rate_per_min for update in told], 15.0, atol=3.5)

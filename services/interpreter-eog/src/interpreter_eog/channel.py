@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from sense4hri.living import LONGEST_HELD_S, frozen
 from sense4hri.slow import Slow, newest_run, runs
 from sense4hri.stamps import SECOND_NS
 
@@ -63,14 +64,17 @@ class Channel:
     def restart(self) -> None:
         """Forget everything."""
         self._slow.restart()
-        self._raw, self._times_ns = np.empty(0), np.empty(0, np.int64)
+        self._grid, self._times_ns = np.empty(0), np.empty(0, np.int64)
+        self._raw = self._grid  # without what is held
         self._noise: list[float] = []  # of the samples of each of the newest blocks
 
     def push(self, samples: Floats, times_ns: NDArray[np.int64]) -> None:
         """Take the next samples, shape (n,)."""
         points = self._slow.push(samples[:, None], times_ns)
         kept = slice(-round((max(self._config.window_s, self._config.baseline_s) + 2) * features.GRID_HZ), None)
-        self._raw = np.append(self._raw, points.values[:, 0])[kept]
+        self._grid = np.append(self._grid, points.values[:, 0])[kept]
+        held = frozen(self._grid[:, None], round(LONGEST_HELD_S * features.GRID_HZ))
+        self._raw = np.where(held, np.nan, self._grid)
         self._times_ns = np.append(self._times_ns, points.times_ns)[kept]
         noise = np.nanmax([features.sample_noise(samples), _median(points.spread), 0.0])
         self._noise = [*self._noise, float(noise)][-round(self._config.window_s / self._config.update_interval_s) :]
