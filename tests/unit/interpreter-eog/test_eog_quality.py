@@ -202,7 +202,7 @@ def test_a_muscle_that_works_for_a_moment_makes_no_blinks(on_s, sd_uv):
 
 
 def test_values_that_are_held_hide_blinks_and_lower_no_rate():
-    """Every 7.3 s the device repeats its last value for 3 s: the rate is that of the other time, 15, the quality lower."""
+    """Every 7.3 s the device repeats its last value for 3 s: the rate is that of the others, 15, quality lower."""
     samples = CLEAN.copy()
     for begin_s in np.arange(5.2, 48.0, 7.3):
         samples[round(begin_s * FS_HZ) : round((begin_s + 3.0) * FS_HZ)] = samples[round(begin_s * FS_HZ)]
