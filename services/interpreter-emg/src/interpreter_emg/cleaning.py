@@ -27,9 +27,11 @@ class Clean(NamedTuple):
     """values: shape (n, channels), NaN where there is no signal.
 
     hum_rms: shape (channels,), of what was taken away; hum_left_rms: of what of it may be in values still.
+    railed: shape (n, channels), what is at an end of the range.
     """
 
     values: Floats
+    railed: Bools
     hum_rms: Floats
     hum_left_rms: Floats
 
@@ -60,7 +62,8 @@ class Cleaner:
     def push(self, raw: Floats) -> Clean:
         """Take the next samples, shape (n, channels)."""
         filled = self._filled(raw)
-        good = self._good(raw, filled)
+        railed = at_rails(raw, *self._rails)
+        good = self._good(raw, filled, railed)
         if self._state is None:
             self._state = sosfilt_zi(self._sos)[:, :, None] * filled[0]
         band, self._state = sosfilt(self._sos, filled, axis=0, zi=self._state)
@@ -69,7 +72,7 @@ class Cleaner:
         hum = self._hum(self._past)[-len(raw) :]
         hum_rms = np.sqrt(np.mean(hum**2, axis=0))
         left = np.maximum(HUM_LEFT * hum_rms, CHANGE_LEFT * changed_rms(hum, self._fs_hz))
-        return Clean(np.where(good, band - hum, np.nan), hum_rms, left)
+        return Clean(np.where(good, band - hum, np.nan), railed, hum_rms, left)
 
     def _hum(self, past: Floats) -> Floats:
         """The mains in the past of each channel, by the lines that were seen there of late."""
@@ -90,12 +93,11 @@ class Cleaner:
         before = np.where(np.isfinite(self._last), self._last, 0.0)
         return np.where(at >= 0, np.take_along_axis(raw, np.maximum(at, 0), axis=0), before)
 
-    def _good(self, raw: Floats, filled: Floats) -> Bools:
+    def _good(self, raw: Floats, filled: Floats, railed: Bools) -> Bools:
         """Where the samples are a signal: numbers, not held, not at a rail, and not just after such."""
         number = self._seen + np.arange(len(raw))[:, None]
         changed = np.diff(filled, axis=0, prepend=self._last[None]) != 0
         since = np.maximum(np.maximum.accumulate(np.where(changed, number, -1), axis=0), self._changed)
-        railed = at_rails(raw, *self._rails)
         same = held(raw, HELD_S * self._fs_hz) | (number - since > LONGEST_HELD_S * self._fs_hz)
         bad = ~np.isfinite(raw) | railed | same
         last_bad = np.maximum(np.maximum.accumulate(np.where(bad, number, -1), axis=0), self._bad)

@@ -149,7 +149,7 @@ class EmgStream:
         self._idle = np.concatenate([self._idle[kept], np.where(worked | self._bursts.active, 0.0, clean.values)])
         self._hear(block.end_ns)
         self._look_for_magnitudes(block.end_ns)
-        self._effort.push(clean.values, block.times_ns, self._bursts.rest_rms)
+        self._effort.push(clean.values, clean.railed, block.times_ns, self._bursts.rest_rms)
         return events
 
     def _look_for_magnitudes(self, end_ns: int) -> None:
