@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from emg_signals import heartbeats, muscle
+from interpreter_emg.cleaning import at_rails
 from interpreter_emg.config import Config
 from interpreter_emg.features import NO_HEART, heart
 from interpreter_emg.stream import EmgStream
@@ -351,6 +352,14 @@ def test_an_end_of_a_range_that_nobody_declared_is_seen(most_uv, fs_hz):
     assert np.isnan([update.rms_uv[0] for update in updates[5:8]]).all()
     assert any("saturated" in reason for update in updates[5:8] for reason in update.reasons)
     assert min(update.channel_quality[0] for update in updates[10:]) > 0.7
+
+
+def test_ends_of_a_range_are_told_from_what_rests_there():
+    """Only a muscle cut at both ends rests there: no swing in steps, signal of two values or of zeros at rest."""
+    swing = np.round(20 * np.sin(2 * np.pi * TIMES_S[:1000]))
+    two, zero = np.where(CLEAN[5000:6000] > 0, 1.0, -1.0), np.maximum(CLEAN[5000:6000], 0.0)
+    samples = np.column_stack([np.clip(CLEAN[5000:6000], -100, 100), swing, two, zero])
+    assert at_rails(samples, np.nan, np.nan).any(axis=0).tolist() == [True, False, False, False]
 
 
 def test_the_tops_of_a_muscle_are_no_end_of_a_range():
