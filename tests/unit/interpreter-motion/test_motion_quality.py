@@ -206,3 +206,14 @@ def test_a_coarse_sensor_that_rests_holds_nothing():
     """In steps of 0.15 m/s^2 rest is one value for long: after a walk as well, it is all there."""
     samples = np.round(acceleration(40, FS_HZ, [(2, 20, 110)]) / 0.153) * 0.153
     assert min(update.signal_quality for update in play(samples)[5:]) > 0.95
+
+
+@pytest.mark.parametrize("strength", [8.0, 12.0, 15.0, 20.0])
+def test_a_runner_too_strong_for_the_range_has_no_sure_intensity(strength):
+    """Cut at 2 g a run seems to move less than it does: where it is sure the intensity is within a tenth."""
+    run = acceleration(30, FS_HZ, [(0, 30, 170)], strength=strength)
+    whole, cut = play(run), play(np.clip(run, -19.6, 19.6), range_min=-19.6, range_max=19.6)
+    sure = [(a, b) for a, b in zip(whole[10:], cut[10:], strict=True) if b.signal_quality >= 0.7]
+    assert bool(sure) == (strength == 8.0)
+    for true, update in sure:
+        assert update.intensity_m_per_s2 == pytest.approx(true.intensity_m_per_s2, rel=0.1)
