@@ -254,3 +254,27 @@ def test_a_resistance_is_refused(unit):
     """Resistance falls where skin responds, so it would have no responses: one sentence that says what is needed."""
     with pytest.raises(ValueError, match=r"unit is .*, a resistance: it falls where skin responds"):
         EdaStream(Config(), StreamInfo(StreamName("p1", "eda", "s1"), FS_HZ, unit, ("eda",)))
+
+
+@pytest.mark.parametrize("fs_hz", [10.0, 100.0])
+@pytest.mark.parametrize("step_us", [0.02, 0.05, 0.1])
+def test_the_steps_of_a_coarse_converter_are_no_responses(step_us, fs_hz):
+    """Three minutes of a level that only creeps up, in steps of the converter: no response; a high one is found."""
+    ramp = skin(180, fs_hz, [], [], drift_us_per_min=0.5)
+    ramp += np.random.default_rng(1).normal(0, 0.002, len(ramp))
+    updates = play(np.round(ramp / step_us) * step_us, fs_hz)
+    assert len(peaks_s(updates)) == 0
+    assert any("are not told from it" in reason for reason in updates[-1].reasons)
+    wearer = skin(180, fs_hz, np.arange(20.0, 170.0, 15.0), [10 * step_us] * 10, drift_us_per_min=0.1)
+    assert len(peaks_s(play(np.round(wearer / step_us) * step_us, fs_hz))) == 10
+
+
+@pytest.mark.parametrize("fs_hz", [4.0, 15.0, 100.0])
+def test_of_a_response_that_leaves_the_range_the_height_is_not_told(fs_hz):
+    """Cut at 0.6 and 0.75 of its height it is counted, its amplitude NaN, and those beside it are what they are."""
+    samples = skin(100, fs_hz, [20.0, 40.0, 60.0, 80.0], [0.5, 1.0, 0.8, 0.5], drift_us_per_min=0.0)
+    updates = play(np.minimum(samples, 5.6), fs_hz, range_min=0.0, range_max=5.6)
+    amplitudes = np.array([a for update in updates for a in update.scr_amplitudes_us])
+    np.testing.assert_allclose(amplitudes, [0.5, np.nan, np.nan, 0.5], atol=0.06)
+    assert updates[-1].scr_amplitude_us == pytest.approx(0.5, abs=0.06)
+    assert any("end of its range" in reason for reason in updates[-1].reasons)

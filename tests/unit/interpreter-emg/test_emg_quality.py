@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from emg_signals import heartbeats, muscle
+from interpreter_emg.cleaning import at_rails
 from interpreter_emg.config import Config
 from interpreter_emg.features import NO_HEART, heart
 from interpreter_emg.stream import EmgStream
@@ -333,3 +334,36 @@ def test_a_coarse_resolution_is_a_signal():
     fine, coarse = play(samples, 1000.0)[-1], play(10 * np.round(samples / 10), 1000.0)[-1]
     assert coarse.rms_uv[0] == pytest.approx(fine.rms_uv[0], rel=0.03)
     assert coarse.signal_quality > 0.9 * fine.signal_quality
+
+
+@pytest.mark.parametrize("fs_hz", [500.0, 1000.0, 2000.0])
+@pytest.mark.parametrize("rest_uv", [1.5, 2.0, 3.0])
+def test_rest_that_a_coarse_resolution_hides_is_no_work(rest_uv, fs_hz):
+    """Rounded to 10 uV rest is a value that hardly changes: noise that lifts it a step now and then is no work."""
+    muscles = np.round(muscle(25, fs_hz, [(5.0, 8.0), (14.0, 18.0)], rest_uv=rest_uv) / 10) * 10
+    np.testing.assert_allclose(event_times_s(play(muscles, fs_hz), "onset_timestamps"), [5.0, 14.0], atol=0.15)
+
+
+@pytest.mark.parametrize("fs_hz", [250.0, 1000.0, 4000.0])
+@pytest.mark.parametrize("most_uv", [60.0, 120.0])
+def test_an_end_of_a_range_that_nobody_declared_is_seen(most_uv, fs_hz):
+    """A muscle of 100 uV cut at 60 or 120 uV seems to have less amplitude: none is told of it, and why."""
+    updates = play(np.clip(muscle(SECONDS, fs_hz, [(5.0, 9.0)]), -most_uv, most_uv), fs_hz)
+    assert np.isnan([update.rms_uv[0] for update in updates[5:8]]).all()
+    assert any("saturated" in reason for update in updates[5:8] for reason in update.reasons)
+    assert min(update.channel_quality[0] for update in updates[10:]) > 0.7
+
+
+def test_ends_of_a_range_are_told_from_what_rests_there():
+    """Only a muscle cut at both ends rests there: no swing in steps, signal of two values or of zeros at rest."""
+    swing = np.round(20 * np.sin(2 * np.pi * TIMES_S[:1000]))
+    two, zero = np.where(CLEAN[5000:6000] > 0, 1.0, -1.0), np.maximum(CLEAN[5000:6000], 0.0)
+    samples = np.column_stack([np.clip(CLEAN[5000:6000], -100, 100), swing, two, zero])
+    assert at_rails(samples, np.nan, np.nan).any(axis=0).tolist() == [True, False, False, False]
+
+
+def test_the_tops_of_a_muscle_are_no_end_of_a_range():
+    """Whole, in steps of 1 or 10 uV, also on a drift that turns: amplitudes at every update."""
+    drift = 300 * np.sin(2 * np.pi * 0.1 * TIMES_S)
+    for samples in (np.round(CLEAN), np.round(CLEAN / 10) * 10, np.round(CLEAN + drift)):
+        assert np.isfinite([update.rms_uv[0] for update in play(samples)[5:7]]).all()

@@ -145,6 +145,19 @@ def test_an_ordinary_effort_is_not_cut(length_s):
         assert greatest_rms(values, 500) == pytest.approx(whole, rel=0.05)
 
 
+@pytest.mark.parametrize("declared", [True, False])
+@pytest.mark.parametrize("most_uv", [150.0, 250.0])
+def test_an_effort_beyond_the_range_is_no_hundred_percent(most_uv, declared):
+    """It rises to 200 uV, cut at 150 or 250: what was before is not the greatest; a whole one after it counts."""
+    rises = np.interp(np.arange(18_000) / 1000, [4.5, 7.5, 8.5, 8.6], [0.0, 1.0, 1.0, 0.0])
+    samples = muscle(18, 1000.0, [(4.5, 8.6)], rms_uv=200) * rises + muscle(18, 1000.0, [(12, 14)], rms_uv=30)
+    limits = {"range_min": -most_uv, "range_max": most_uv} if declared else {}
+    updates = play(np.clip(samples, -most_uv, most_uv), 1000.0, make=marked((4.0, ""), (11.0, "")), **limits)
+    assert np.isnan(updates[9].extra[1].values[0])
+    assert any("mvc of biceps: the range ends" in reason for reason in updates[9].reasons)
+    assert updates[-1].extra[1].values[0] == pytest.approx(32, rel=0.25)
+
+
 def test_a_marker_for_one_channel_and_one_without_effort():
     """The marker's value names the muscle; where nobody pulled, or there is no such channel, that is told."""
     samples = np.array([muscle(14, 1000.0, [(5, 8)], seed=1), muscle(14, 1000.0, [], seed=2)]).T

@@ -188,3 +188,25 @@ def test_what_nothing_is_known_before_is_no_saccade():
         updates = play_signal(lambda info: EogStream(Config(), info), signal, 250.0, "eog", "uV", ("heog", "veog"))
         assert event_times_s(updates, "saccade_timestamps").tolist() == []
         assert updates[-1].blink_count >= 6
+
+
+@pytest.mark.parametrize("sd_uv", [50.0, 100.0])
+@pytest.mark.parametrize("on_s", [1.0, 3.0])
+def test_a_muscle_that_works_for_a_moment_makes_no_blinks(on_s, sd_uv):
+    """Jaws that close every 10 s: at most two blinks more than there are, and a lower quality the longer they do."""
+    bursts = np.where(on_s > TIMES_S % 10, sd_uv, 0.0) * NOISE
+    updates = play(CLEAN + bursts)
+    found = event_times_s(updates, "blink_timestamps")
+    assert len(found) <= len(BLINKS_S) + 2
+    assert updates[-1].signal_quality < play(CLEAN)[-1].signal_quality - 0.5 * on_s / 10
+
+
+def test_values_that_are_held_hide_blinks_and_lower_no_rate():
+    """Every 7.3 s the device repeats its last value for 3 s: the rate is that of the others, 15, quality lower."""
+    samples = CLEAN.copy()
+    for begin_s in np.arange(5.2, 48.0, 7.3):
+        samples[round(begin_s * FS_HZ) : round((begin_s + 3.0) * FS_HZ)] = samples[round(begin_s * FS_HZ)]
+    told = [update for update in play(samples)[25:] if np.isfinite(update.blink_rate_per_min)]
+    assert len(told) > 10
+    assert max(update.signal_quality for update in told) < 0.7
+    np.testing.assert_allclose([update.blink_rate_per_min for update in told], 15.0, atol=3.5)

@@ -171,3 +171,49 @@ def test_a_rate_no_accelerometer_has_is_refused(fs_hz):
         MotionStream(Config(), StreamInfo(name, fs_hz, "m/s^2", XYZ))
     with pytest.raises(ValueError, match="motion needs x, y and z"):
         MotionStream(Config(), StreamInfo(name, 50.0, "m/s^2", ("x", "y")))
+
+
+@pytest.mark.parametrize("stuck", [0.0, 9.8])
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_an_axis_that_stands_still_while_the_others_move_is_told(axis, stuck):
+    """A walk of which one axis shows one number: NaN, quality 0 and the reason, whichever it is; at rest nothing is."""
+    walk = WALK.copy()
+    walk[:, XYZ.index(axis)] = stuck
+    updates = play(walk)
+    for update in updates[12:24]:
+        assert np.isnan([update.intensity_m_per_s2, update.step_rate_per_min]).all()
+        assert update.signal_quality == 0
+        assert f"{axis} does not change" in update.reasons[0]
+    still = acceleration(20, FS_HZ)
+    still[:, XYZ.index(axis)] = still[0, XYZ.index(axis)]
+    assert np.isfinite(play(still)[-1].intensity_m_per_s2)
+
+
+@pytest.mark.parametrize("held_s", [0.5, 1.0, 2.0])
+def test_values_that_are_held_in_a_walk_are_lost_samples(held_s):
+    """Every 6 s the device repeats its last values: the rate is that of the other time, the quality so much lower."""
+    walk = acceleration(60, FS_HZ, [(2, 60, 110)])
+    for begin_s in np.arange(8.0, 58.0, 6.0):
+        walk[round(begin_s * FS_HZ) : round((begin_s + held_s) * FS_HZ)] = walk[round(begin_s * FS_HZ)]
+    updates = play(walk)[14:]
+    rates = np.array([update.step_rate_per_min for update in updates])
+    assert np.isfinite(rates).any()
+    np.testing.assert_allclose(rates[np.isfinite(rates)], 110, atol=4)
+    assert np.mean([update.signal_quality for update in updates]) < 1 - 0.9 * held_s / 6
+
+
+def test_a_coarse_sensor_that_rests_holds_nothing():
+    """In steps of 0.15 m/s^2 rest is one value for long: after a walk as well, it is all there."""
+    samples = np.round(acceleration(40, FS_HZ, [(2, 20, 110)]) / 0.153) * 0.153
+    assert min(update.signal_quality for update in play(samples)[5:]) > 0.95
+
+
+@pytest.mark.parametrize("strength", [8.0, 12.0, 15.0, 20.0])
+def test_a_runner_too_strong_for_the_range_has_no_sure_intensity(strength):
+    """Cut at 2 g a run seems to move less than it does: where it is sure the intensity is within a tenth."""
+    run = acceleration(30, FS_HZ, [(0, 30, 170)], strength=strength)
+    whole, cut = play(run), play(np.clip(run, -19.6, 19.6), range_min=-19.6, range_max=19.6)
+    sure = [(a, b) for a, b in zip(whole[10:], cut[10:], strict=True) if b.signal_quality >= 0.7]
+    assert bool(sure) == (strength == 8.0)
+    for true, update in sure:
+        assert update.intensity_m_per_s2 == pytest.approx(true.intensity_m_per_s2, rel=0.1)

@@ -290,3 +290,39 @@ def test_mains_greater_than_the_breaths_are_told_as_such(hz):
     assert all("mains" in update.reasons[0] for update in updates[30:])
     noise = play(np.random.default_rng(1).normal(size=len(times_s)), fs_hz)
     assert all("not worn" in update.reasons[0] for update in noise[15:])
+
+
+@pytest.mark.parametrize(("per_min", "rise", "fall"), [(4.0, 0.2, 0.3), (5.0, 0.2, 0.3), (6.0, 0.15, 0.25)])
+def test_a_pause_after_slow_breaths_is_no_breath(per_min, rise, fall):
+    """4 to 6 breaths of 100 a minute, then nothing for half of the time: every sure rate and height is theirs."""
+    times_s = np.arange(round(240 * FS_HZ)) / FS_HZ
+    phase = times_s * per_min / 60 % 1
+    falling = 0.5 + 0.5 * np.cos(np.pi * np.clip((phase - rise) / fall, 0, 1))
+    chest = 100 * np.where(phase < rise, 0.5 - 0.5 * np.cos(np.pi * phase / rise), falling)
+    updates = play(chest + np.random.default_rng(3).normal(0, 0.5, len(chest)))
+    assert len(breaths_s(updates)) == pytest.approx(240 * per_min / 60, abs=2)
+    sure = [update for update in updates if update.signal_quality >= 0.7 and np.isfinite(update.breaths_per_min)]
+    assert len(sure) > 100
+    np.testing.assert_allclose([update.breaths_per_min for update in sure], per_min, atol=0.5)
+    np.testing.assert_allclose([update.amplitude for update in sure], 100, atol=10)
+
+
+@pytest.mark.parametrize("fs_hz", [8.0, 25.0, 100.0])
+@pytest.mark.parametrize("held_s", [2.0, 4.0])
+def test_values_that_are_held_are_no_breathing(held_s, fs_hz):
+    """Twice in a minute the device repeats its last value and hides a breath: every sure rate is 15 all the same."""
+    times_s = np.arange(round(SECONDS * fs_hz)) / fs_hz
+    samples = belt(15.0, times_s) + np.random.default_rng(1).normal(0, 0.01, len(times_s))
+    for begin_s in (32.6, 64.9, 93.2):
+        samples[round(begin_s * fs_hz) : round((begin_s + held_s) * fs_hz)] = samples[round(begin_s * fs_hz)]
+    sure = [update for update in play(samples, fs_hz)[20:] if update.signal_quality >= 0.7]
+    assert len(sure) > 10
+    np.testing.assert_allclose([update.breaths_per_min for update in sure], 15.0, atol=0.3)
+
+
+def test_a_coarse_belt_that_is_held_still_holds_nothing():
+    """In 20 steps, with pauses between breaths that are one value: all of 12 a minute are told."""
+    chest = np.round(10 * np.maximum(belt(12.0, inhale=0.5), -0.5)) / 10
+    updates = play(chest)
+    assert len(breaths_s(updates)) == pytest.approx(23, abs=1)
+    np.testing.assert_allclose([update.breaths_per_min for update in updates[30:]], 12.0, atol=0.3)

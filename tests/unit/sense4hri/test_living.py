@@ -3,7 +3,7 @@
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sense4hri.living import Living
+from sense4hri.living import Living, frozen
 
 FS_HZ = 100.0
 TIMES_NS = np.arange(400) * 10_000_000
@@ -51,3 +51,13 @@ def test_missing_samples_end_a_run() -> None:
     for at in range(0, 60, 15):
         assert [s.alive for s in living.split(np.full(15, 7.0), TIMES_NS[at : at + 15])] == [True]
         living.interrupted()
+
+
+def test_what_is_frozen_is_told_from_rest():
+    """A run of 30 equal values in noise is frozen, one of 10 is not, nor any of a coarse or mostly constant channel."""
+    noise = np.random.default_rng(1).normal(size=(200, 2))
+    noise[50:80], noise[120:130, 0] = noise[50], 1.0
+    assert np.flatnonzero(frozen(noise, 20)).tolist() == list(range(50, 80))
+    assert not frozen(noise, 40).any()
+    assert not frozen(np.round(noise), 20).any()
+    assert not frozen(np.where(np.arange(200)[:, None] < 180, 1.0, noise), 20).any()

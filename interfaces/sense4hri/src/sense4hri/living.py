@@ -14,6 +14,8 @@ from sense4hri.stamps import SECOND_NS
 
 LONGEST_HELD_S = 0.2
 BY_CHANCE = 1e-6  # of runs that quantisation makes: the more often neighbours are equal, the longer they are
+ROUNDED = 1e-12  # by which means of equal values may differ
+RARE, ALIVE = 0.01, 0.25  # share of equal neighbours of a sensor that shows its noise; of samples that do
 
 Floats = NDArray[np.float64]
 
@@ -42,6 +44,22 @@ def held(values: Floats, longest: float) -> NDArray[np.bool_]:
     ends = np.minimum.accumulate(np.where(np.concatenate([changed, first]), number, n)[::-1], axis=0)[::-1]
     equal = np.clip(1 - changed.mean(axis=0), 1e-9, 1 - 1e-9)
     return np.asarray(ends - begins + 1 > np.maximum(longest, np.log(BY_CHANCE) / np.log(equal)))
+
+
+def frozen(values: Floats, longest: int) -> NDArray[np.bool_]:
+    """Return which of the values, shape (n, channels), are in a run of more than `longest` equal ones in all channels.
+
+    For signals that may rest: none where shorter runs come as well, or hardly anything else, as of a coarse resolution.
+    """
+    alike = np.isclose(values[1:], values[:-1], rtol=ROUNDED, atol=0.0).all(axis=1)
+    same = np.concatenate([[False], alike, [False]])
+    edges = np.flatnonzero(same[1:] != same[:-1]).reshape(-1, 2)  # first and last sample of each run
+    longer = np.diff(edges, axis=1)[:, 0] >= longest
+    out = np.zeros(len(values), bool)
+    for first, last in edges[longer].tolist():
+        out[first : last + 1] = True
+    by_chance, alive = int(np.diff(edges[~longer], axis=1).sum()), np.count_nonzero(~out)
+    return out & (by_chance <= RARE * alive) & (alive > ALIVE * len(out))
 
 
 class Living:

@@ -25,6 +25,7 @@ PULSE_S, PULSE_LAG_S, PULSE_LIKE = 12.0, (0.33, 1.5), 0.6  # window, period, aut
 HIGHEST_US = 100.0  # no skin conducts better
 FLAT_US, STEADY = 0.001, 3.0  # a channel that stays within this, or within so many spreads of a sample, is flat
 NOISE_MARGIN = 10.0  # times the ripple left on the grid that a response is high at least
+STEPS = 3.0  # of the converter that a response is high at least: a level that creeps up rises by one at a time
 STEEPEST_US_PER_S, STEEPEST = 10.0, 0.5  # faster than this (Kleckner et al. 2018), or than this share per s, is a jump
 AFTER_JUMP_S = 5.0  # doubtful after a jump
 

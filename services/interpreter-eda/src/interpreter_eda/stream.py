@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
 from sense4hri.motion import Motion
+from sense4hri.resolution import least_step
 from sense4hri.slow import GRID_HZ, Slow, newest_run, smoothed
 from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature
@@ -26,6 +27,8 @@ NEEDS_S = 10.0  # of signal before rates and trends are told
 FLAT_AFTER_S = 30.0
 AT_RAIL = 0.5  # share of the last LEVEL_S at an end of the range that is called saturated
 LEVEL_S = 5.0
+ROUNDED = 1e-9  # of the range by which a mean of samples at its end may be off
+AROUND_PEAK = 6  # points after a peak that smoothing has mixed into it
 
 Floats = NDArray[np.float64]
 
@@ -54,12 +57,16 @@ class EdaUpdate(NamedTuple):
 
 @dataclass
 class Response:
-    """A response that was published; its recovery comes later."""
+    """A response that was published; its recovery comes later. amplitude: NaN where its peak is cut off."""
 
     onset_ns: int
     peak_ns: int
     amplitude: float
     half_recovery_s: float = np.nan
+
+    @property
+    def rise_time_s(self) -> float:
+        return (self.peak_ns - self.onset_ns) / SECOND_NS if np.isfinite(self.amplitude) else np.nan
 
 
 class EdaStream:
@@ -93,6 +100,7 @@ class EdaStream:
         self._slow.restart()
         self._raw, self._spread, self._tonic = np.empty(0), np.empty(0), np.empty(0)
         self._times_ns, self._withheld = np.empty(0, np.int64), np.empty(0, bool)  # withheld: of these nothing was told
+        self._sample, self._steps = np.empty((0, 1)), np.empty(0)  # the newest; least step of each block of the window
         self._skin_ns = -(2**62)  # the last sample of skin
         self._loose_us = np.nan  # what an electrode that hangs loose shows
         self._responses: list[Response] = []
@@ -116,7 +124,11 @@ class EdaStream:
 
     def _extend(self, block: Block) -> None:
         samples = self._of_skin(block.samples[:, self._column], block.times_ns)
-        points = self._slow.push(samples[:, None], block.times_ns)
+        samples = samples[:, None]
+        blocks = round(self._config.window_s / self._config.update_interval_s)
+        self._steps = np.append(self._steps, least_step(np.concatenate([self._sample, samples])))[-blocks:]
+        self._sample = samples[-1:] if len(samples) else self._sample
+        points = self._slow.push(samples, block.times_ns)
         raw = points.values[:, 0]
         self._tonic = np.append(self._tonic, self._line(raw))
         self._raw, self._spread = np.append(self._raw, raw), np.append(self._spread, points.spread)
@@ -157,7 +169,8 @@ class EdaStream:
         self._answered_ns = block.end_ns
         known = raw[np.isfinite(raw)]
         ripple = features.ripple(known, self._period_s)
-        least = max(self._config.scr_threshold_us if self._scale == 1 else 0.0, features.NOISE_MARGIN * ripple)
+        told_from = np.fmax(features.NOISE_MARGIN * ripple, features.STEPS * np.fmin.reduce(self._steps))
+        least = float(np.fmax(self._config.scr_threshold_us if self._scale == 1 else 0.0, told_from))
         fresh = self._found(least, whole)
         self._recover()
         start_ns = block.end_ns - round(window_s * SECOND_NS)
@@ -182,7 +195,7 @@ class EdaStream:
             scr_count=len(told),
             scr_rate_per_min=60 * len(told) / held_s if enough else np.nan,
             scr_amplitude_us=scale * _mean(np.array([each.amplitude for each in told])),
-            scr_rise_time_s=_mean(np.array([(each.peak_ns - each.onset_ns) / SECOND_NS for each in told])),
+            scr_rise_time_s=_mean(np.array([each.rise_time_s for each in told])),
             scr_half_recovery_s=_mean(np.array([each.half_recovery_s for each in told])),
             phasic_auc_us_s=scale * float(np.nansum(raw - tonic)) / GRID_HZ,
             scr_onset_timestamps=tuple(each.onset_ns for each in fresh),
@@ -196,10 +209,15 @@ class EdaStream:
     def _found(self, least: float, whole: bool) -> list[Response]:
         """Responses that were not told before, filed."""
         begins = max(newest_run(self._raw), len(self._raw) - round(LOOK_S * GRID_HZ))
-        times_ns = self._times_ns[begins:]
+        raw, times_ns = self._raw[begins:], self._times_ns[begins:]
+        cut = self._railed(raw)
         fresh = [
-            Response(int(times_ns[scr.onset]), int(times_ns[scr.peak]), scr.amplitude)
-            for scr in features.responses(self._raw[begins:], least, whole)
+            Response(
+                int(times_ns[scr.onset]),
+                int(times_ns[scr.peak]),
+                np.nan if cut[scr.onset : scr.peak + AROUND_PEAK].any() else scr.amplitude,
+            )
+            for scr in features.responses(raw, least, whole)
             if times_ns[scr.peak] > self._told_ns + APART_NS
         ]
         self._responses += fresh
@@ -227,7 +245,7 @@ class EdaStream:
             return f"loose electrode: {self._loose_us:.3g} uS is no conductance of skin with good contact"
         if not len(known) or end_ns - self._times_ns[-1] > (BRIDGED_S + 0.5) * SECOND_NS:
             return "eda holds no number"
-        if self._at_rail(newest) > AT_RAIL:
+        if len(newest) and self._railed(newest).mean() > AT_RAIL:
             return "eda is saturated: at an end of its range"
         seconds = len(known) / GRID_HZ
         least = features.FLAT_US if self._scale == 1 else 0.0
@@ -239,9 +257,11 @@ class EdaStream:
             return "eda shows the heart's pulse: not skin conductance, or a loose electrode over an artery"
         return ""
 
-    def _at_rail(self, raw: Floats) -> float:
+    def _railed(self, raw: Floats) -> NDArray[np.bool_]:
+        """Which points are at an end of the range."""
         low, high = self._info.range_min, self._info.range_max
-        return float(np.mean((raw <= low) | (raw >= high))) if low < high else 0.0
+        edge = ROUNDED * (high - low)
+        return (raw <= low + edge) | (raw >= high - edge) if low < high else np.zeros(len(raw), bool)
 
     def _extra(self, threshold_us: float, now_us: float) -> tuple[Feature, ...]:
         return Feature("scr_threshold", "uS", (threshold_us,)), Feature("tonic_now", "uS", (float(now_us),))
@@ -252,6 +272,8 @@ class EdaStream:
             reasons.append("no response in the window: scr_amplitude_us, scr_rise_time_s, scr_half_recovery_s")
         elif all(np.isnan(each.half_recovery_s) for each in self._responses):
             reasons.append("scr_half_recovery_s: no response has lost half of its height yet")
+        if any(np.isnan(each.amplitude) for each in self._responses):
+            reasons.append("a response was cut at an end of its range: its amplitude, rise and recovery are not known")
         if not enough:
             reasons.append(f"scr_rate_per_min, tonic_slope_us_per_min need {NEEDS_S:g} s")
         if jumped:
@@ -259,7 +281,7 @@ class EdaStream:
         if wander:
             reasons.append("falls are as steep as rises, nothing is smooth: no skin does that, responses are doubtful")
         if self._scale == 1 and least > self._config.scr_threshold_us:
-            reasons.append(f"noise: responses below {least:.2g} uS are not told from it")
+            reasons.append(f"noise or resolution: responses below {least:.2g} uS are not told from it")
         if np.isnan(self._scale):
             unit = self._info.unit or "unknown"
             reasons.append(f"uncalibrated: the unit is {unit}, uS are needed for level and amplitudes")

@@ -76,14 +76,14 @@ class Bursts:
     def rest_rms(self) -> Floats:
         return np.asarray(np.sqrt(self._rest))
 
-    def push(self, values: Floats, times_ns: NDArray[np.int64], hum_left_rms: Floats) -> list[Event]:
+    def push(self, values: Floats, times_ns: NDArray[np.int64], hidden_rms: Floats) -> list[Event]:
         """Take the next samples, shape (n, channels), NaN where there is none; return the events up to HOLD_S ago.
 
         They are in order from push to push, each later than the one before, if by 1 ns only.
 
-        hum_left_rms: shape (channels,), of the mains that may be in them still.
+        hidden_rms: shape (channels,), of mains and rounding that may be in them still.
         """
-        self._least = np.maximum(self._least_power, hum_left_rms**2)
+        self._least = np.maximum(self._least_power, hidden_rms**2)
         low = np.nan_to_num(values)
         if self._sos is not None:
             low, self._state = sosfilt(self._sos, low, axis=0, zi=self._state)

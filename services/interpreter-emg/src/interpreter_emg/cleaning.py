@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt, sosfilt_zi
 from sense4hri.harmonics import lines_at, lines_seen
 from sense4hri.living import LONGEST_HELD_S, held
+from sense4hri.resolution import least_step
 
 BAND_HZ = (20.0, 450.0)  # SENIAM (Hermens et al. 2000): below is movement, above hardly anything
 BELOW_NYQUIST = 0.9
@@ -16,6 +17,7 @@ HELD_S = 0.03  # exactly the same for longer is no signal
 HUM_LEFT, CHANGE_LEFT, CHANGE_S = 0.05, 0.5, 0.1  # of the mains, of their change; in which they are one strength
 REMEMBERED_S = 10.0  # a line of the mains stays, also where a muscle hides it
 SETTLE_S = 0.1  # of the filter, after a hole
+RESTS, SPAN = 0.01, 20.0  # share of samples on its extremes, and least steps between these, of a signal that is cut
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -25,9 +27,11 @@ class Clean(NamedTuple):
     """values: shape (n, channels), NaN where there is no signal.
 
     hum_rms: shape (channels,), of what was taken away; hum_left_rms: of what of it may be in values still.
+    railed: shape (n, channels), what is at an end of the range.
     """
 
     values: Floats
+    railed: Bools
     hum_rms: Floats
     hum_left_rms: Floats
 
@@ -58,7 +62,8 @@ class Cleaner:
     def push(self, raw: Floats) -> Clean:
         """Take the next samples, shape (n, channels)."""
         filled = self._filled(raw)
-        good = self._good(raw, filled)
+        railed = at_rails(raw, *self._rails)
+        good = self._good(raw, filled, railed)
         if self._state is None:
             self._state = sosfilt_zi(self._sos)[:, :, None] * filled[0]
         band, self._state = sosfilt(self._sos, filled, axis=0, zi=self._state)
@@ -67,7 +72,7 @@ class Cleaner:
         hum = self._hum(self._past)[-len(raw) :]
         hum_rms = np.sqrt(np.mean(hum**2, axis=0))
         left = np.maximum(HUM_LEFT * hum_rms, CHANGE_LEFT * changed_rms(hum, self._fs_hz))
-        return Clean(np.where(good, band - hum, np.nan), hum_rms, left)
+        return Clean(np.where(good, band - hum, np.nan), railed, hum_rms, left)
 
     def _hum(self, past: Floats) -> Floats:
         """The mains in the past of each channel, by the lines that were seen there of late."""
@@ -88,19 +93,36 @@ class Cleaner:
         before = np.where(np.isfinite(self._last), self._last, 0.0)
         return np.where(at >= 0, np.take_along_axis(raw, np.maximum(at, 0), axis=0), before)
 
-    def _good(self, raw: Floats, filled: Floats) -> Bools:
+    def _good(self, raw: Floats, filled: Floats, railed: Bools) -> Bools:
         """Where the samples are a signal: numbers, not held, not at a rail, and not just after such."""
         number = self._seen + np.arange(len(raw))[:, None]
         changed = np.diff(filled, axis=0, prepend=self._last[None]) != 0
         since = np.maximum(np.maximum.accumulate(np.where(changed, number, -1), axis=0), self._changed)
-        low, high = self._rails
-        railed = (raw <= low) | (raw >= high) if low < high else np.zeros(raw.shape, bool)
         same = held(raw, HELD_S * self._fs_hz) | (number - since > LONGEST_HELD_S * self._fs_hz)
         bad = ~np.isfinite(raw) | railed | same
         last_bad = np.maximum(np.maximum.accumulate(np.where(bad, number, -1), axis=0), self._bad)
         self._seen, self._last = self._seen + len(raw), filled[-1]
         self._changed, self._bad = since[-1], last_bad[-1]
         return np.asarray(number - last_bad > SETTLE_S * self._fs_hz)
+
+
+def at_rails(raw: Floats, low: float, high: float) -> Bools:
+    """Return which samples, shape (n, channels), are at an end of the range.
+
+    Of an unknown one: that rest on the extremes of all, where a signal is cut at both: there and hardly anywhere else
+    neighbours are equal. In few steps of a converter that happens to a whole signal too.
+    """
+    if low < high:
+        return np.asarray((raw <= low) | (raw >= high))
+    bottom, top = (end.reduce(raw, axis=0) for end in (np.fmin, np.fmax))
+    same = np.zeros(raw.shape, bool)
+    same[1:] = raw[1:] == raw[:-1]
+    same[:-1] |= same[1:]
+    lowest, highest = raw == bottom, raw == top
+    rests = same & (lowest | highest)
+    cut = (same & lowest).any(axis=0) & (same & highest).any(axis=0) & (rests.mean(axis=0) > RESTS)
+    cut &= (2 * rests.sum(axis=0) > same.sum(axis=0)) & (top - bottom > SPAN * least_step(raw))
+    return np.asarray((lowest | highest) & cut)
 
 
 def changed_rms(hum: Floats, fs_hz: float) -> Floats:

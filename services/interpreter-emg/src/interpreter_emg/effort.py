@@ -9,6 +9,7 @@ from sense4hri.stamps import SECOND_NS
 from interpreter_emg.features import PEAK_S, without_pops
 
 KNOWN = 0.5  # share of them that is a signal
+CUT = 0.01  # share of them at an end of the range from which an effort is greater than what is seen of it
 LEAST_OVER_REST = 2.0  # times the amplitude of rest that an effort has
 
 Floats = NDArray[np.float64]
@@ -22,13 +23,15 @@ class _Trial:
     begin_ns: int | None
     end_ns: int = 2**62
     pieces: list[Floats] = field(default_factory=list)
+    railed: int = 0
 
-    def take(self, values: Floats, times_ns: NDArray[np.int64], trial_ns: int) -> None:
+    def take(self, values: Floats, railed: NDArray[np.bool_], times_ns: NDArray[np.int64], trial_ns: int) -> None:
         if self.begin_ns is None:
             self.begin_ns = int(times_ns[0]) - 1
         self.end_ns = self.begin_ns + trial_ns
         first, end = np.searchsorted(times_ns, [self.begin_ns, self.end_ns], side="right")
         self.pieces.append(values[first:end, self.channel])
+        self.railed += int(railed[first:end, self.channel].sum())
 
 
 class Effort:
@@ -47,14 +50,14 @@ class Effort:
             self.problems[name] = f"mvc: the marker's value is {name!r}, the stream has {', '.join(self._names)}"
         self._trials += [_Trial(i, newest_ns) for i, one in enumerate(self._names) if name in ("", one)]
 
-    def push(self, values: Floats, times_ns: NDArray[np.int64], rest_rms: Floats) -> None:
-        """Take cleaned samples, shape (n, channels), NaN where there is none.
+    def push(self, values: Floats, railed: NDArray[np.bool_], times_ns: NDArray[np.int64], rest_rms: Floats) -> None:
+        """Take cleaned samples, shape (n, channels), NaN where there is none, and which are at an end of the range.
 
         An effort is judged when it has ended and the level of rest, NaN until then, is known.
         """
         waiting = []
         for trial in self._trials:
-            trial.take(values, times_ns, self._trial_ns)
+            trial.take(values, railed, times_ns, self._trial_ns)
             if times_ns[-1] < trial.end_ns or not self._judge(trial, float(rest_rms[trial.channel])):
                 waiting.append(trial)
         self._trials = waiting
@@ -68,8 +71,11 @@ class Effort:
     def _judge(self, trial: _Trial, rest_rms: float) -> bool:
         """Whether the effort could be judged."""
         channel = trial.channel
-        best = greatest_rms(np.concatenate(trial.pieces), round(PEAK_S * self._fs_hz))
-        if np.isnan(best):
+        values = np.concatenate(trial.pieces)
+        best = greatest_rms(values, round(PEAK_S * self._fs_hz))
+        if trial.railed > CUT * len(values):
+            self._refuse(channel, "the range ends below the effort, which is greater than what is seen of it")
+        elif np.isnan(best):
             self._refuse(channel, f"too little signal in the {self._trial_ns / SECOND_NS:g} s after the marker")
         elif np.isnan(rest_rms):
             self._refuse(channel, "not judged before the level of rest is known")

@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
 from sense4hri.rate import TrueRate
+from sense4hri.resolution import least_step
 from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature, Marker
 from sense4hri.stream_info import StreamInfo
 
 from interpreter_emg import features
 from interpreter_emg.bursts import REST_LEAST_S, Bursts, Event
-from interpreter_emg.cleaning import BAND_HZ, Cleaner, band_hz
+from interpreter_emg.cleaning import BAND_HZ, Cleaner, at_rails, band_hz
 from interpreter_emg.config import Config
 from interpreter_emg.effort import Effort
 
@@ -104,6 +105,7 @@ class EmgStream:
         self._raw = self._clean = self._idle = np.empty((0, len(self._names)))
         self._times_ns = np.empty(0, np.int64)
         self._hum_rms = np.zeros(len(self._names))
+        self._step = np.full(len(self._names), np.nan)  # of the converter
         self._loudest: deque[tuple[int, Floats]] = deque()
         spectra = max(1, round(DRIFT_S / self._config.update_interval_s))
         self._spectra = [deque[features.Spectrum](maxlen=spectra) for _ in self._names]
@@ -141,11 +143,13 @@ class EmgStream:
         self._raw = np.concatenate([self._raw[kept], block.samples])
         self._clean = np.concatenate([self._clean[kept], clean.values])
         worked = self._bursts.active
-        events = self._bursts.push(clean.values, block.times_ns, clean.hum_left_rms)
+        self._step = np.fmin(self._step, least_step(block.samples))
+        hidden_rms = np.fmax(clean.hum_left_rms, self._step / np.sqrt(12))  # the latter: of rounding
+        events = self._bursts.push(clean.values, block.times_ns, hidden_rms)
         self._idle = np.concatenate([self._idle[kept], np.where(worked | self._bursts.active, 0.0, clean.values)])
         self._hear(block.end_ns)
         self._look_for_magnitudes(block.end_ns)
-        self._effort.push(clean.values, block.times_ns, self._bursts.rest_rms)
+        self._effort.push(clean.values, clean.railed, block.times_ns, self._bursts.rest_rms)
         return events
 
     def _look_for_magnitudes(self, end_ns: int) -> None:
@@ -262,10 +266,9 @@ class EmgStream:
     def _dead(self, i: int, raw: Floats) -> str:
         """Why a channel has no signal in the window."""
         name, finite = self._names[i], raw[np.isfinite(raw)]
-        low, high = self._info.range_min, self._info.range_max
         if len(finite) < KNOWN * len(raw):
             return f"{name} holds no number"
-        railed = float(np.mean((finite <= low) | (finite >= high))) if low < high else 0.0
+        railed = float(at_rails(finite[:, None], self._info.range_min, self._info.range_max).mean())
         if railed > RAILED:
             return f"{name} is saturated: {100 * railed:.0f} % of its samples are at an end of its range"
         if len(finite) > 1 and np.mean(np.diff(finite) == 0) > KNOWN:

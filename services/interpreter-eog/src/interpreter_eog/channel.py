@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from sense4hri.living import LONGEST_HELD_S, frozen
 from sense4hri.slow import Slow, newest_run, runs
 from sense4hri.stamps import SECOND_NS
 
@@ -16,6 +17,7 @@ NEEDS_S = 0.9  # of signal before anything is said
 NOISE_AFTER_S = 30.0  # of nothing but noise it is told
 AT_RAIL = 0.5  # share of the newest STILL_S at an end of the range that is called saturated
 CONTEXT_S = 1.5  # before what is to be decided
+BESIDE_S = 0.5  # before and after an event, in which noise may have made it
 COUNTS_SPREAD_UV = 50.0  # a channel without a scale is taken to have this standard deviation
 COUNTS_MARGIN = 8.0  # times its ripple that its standard deviation is taken for at least
 
@@ -62,14 +64,17 @@ class Channel:
     def restart(self) -> None:
         """Forget everything."""
         self._slow.restart()
-        self._raw, self._times_ns = np.empty(0), np.empty(0, np.int64)
+        self._grid, self._times_ns = np.empty(0), np.empty(0, np.int64)
+        self._raw = self._grid  # without what is held
         self._noise: list[float] = []  # of the samples of each of the newest blocks
 
     def push(self, samples: Floats, times_ns: NDArray[np.int64]) -> None:
         """Take the next samples, shape (n,)."""
         points = self._slow.push(samples[:, None], times_ns)
         kept = slice(-round((max(self._config.window_s, self._config.baseline_s) + 2) * features.GRID_HZ), None)
-        self._raw = np.append(self._raw, points.values[:, 0])[kept]
+        self._grid = np.append(self._grid, points.values[:, 0])[kept]
+        held = frozen(self._grid[:, None], round(LONGEST_HELD_S * features.GRID_HZ))
+        self._raw = np.where(held, np.nan, self._grid)
         self._times_ns = np.append(self._times_ns, points.times_ns)[kept]
         noise = np.nanmax([features.sample_noise(samples), _median(points.spread), 0.0])
         self._noise = [*self._noise, float(noise)][-round(self._config.window_s / self._config.update_interval_s) :]
@@ -108,7 +113,7 @@ class Channel:
             return _nothing(problem, quality if problem.startswith("quality") else 0.0)
         past = level[-round(self._config.baseline_s * features.GRID_HZ) :]
         deflection = float(level[-1] - np.median(past)) if self._calibrated else np.nan
-        return Look(quality, deflection, *self._events(level, noise, times_ns, since_ns), "")
+        return Look(quality, deflection, *self._events(raw, level, times_ns, since_ns), "")
 
     def _scaled(self, raw: Floats) -> Floats:
         """Microvolts; of a channel without a scale what would be such if it moved as much as eyes usually do."""
@@ -118,27 +123,34 @@ class Channel:
         return (raw - raw[0]) * (COUNTS_SPREAD_UV / spread) if spread > 0 else raw - raw[0]
 
     def _events(
-        self, level: Floats, noise: float, times_ns: NDArray[np.int64], since_ns: int
+        self, raw: Floats, level: Floats, times_ns: NDArray[np.int64], since_ns: int
     ) -> tuple[tuple[list[Blink], list[Blink]], list[Saccade]]:
         """(blinks upwards and downwards, saccades) since then."""
-        limit, margin = features.speed_limit(level), features.NOISE_MARGIN * noise
+        limit, margin = features.speed_limit(level), features.NOISE_MARGIN * features.ripple(raw, level)
         begin = int(np.searchsorted(times_ns, since_ns - round(CONTEXT_S * SECOND_NS)))
-        level, times_ns = level[begin:], times_ns[begin:]
+        raw, level, times_ns = raw[begin:], level[begin:], times_ns[begin:]
         least = max(margin, self._config.least_blink_uv)
         up, down = (
-            [Blink(int(times_ns[b.peak]), 1e3 * b.duration_s, b.height) for b in features.blinks(sign * level, least)]
+            [
+                Blink(int(times_ns[b.peak]), 1e3 * b.duration_s, b.height)
+                for b in features.blinks(sign * level, least)
+                if b.height >= features.NOISE_MARGIN * _ripple_beside(raw, level, b.peak)
+            ]
             for sign in (1, -1)
         )
-        steps = features.saccades(level, max(margin, self._config.least_saccade_uv), limit)
+        steps = [
+            step
+            for step in features.saccades(level, max(margin, self._config.least_saccade_uv), limit)
+            if abs(step.amplitude) >= features.NOISE_MARGIN * _ripple_beside(raw, level, round(step.onset))
+        ]
         return (up, down), [Saccade(_time_ns(times_ns, step.onset), step.amplitude) for step in steps]
 
     def _quality(self, level: Floats, noise: float, window_s: float) -> float:
         """Of the window: the newest stretch without a hole tells how clean, all points how much of it is there."""
         points = round(window_s * features.GRID_HZ)
         filled = min(1.0, float(np.isfinite(self._raw[-points:]).sum()) / max(1.0, points - 3))
-        if self._calibrated:
-            noise = max(noise, float(np.median(self._noise)))
-        return features.quality(level, noise, filled)
+        noises = np.maximum(noise, self._noise) if self._calibrated else np.array([noise])
+        return features.quality(level, noises, filled)
 
     def _absent(self, end_ns: int) -> str:
         """Why there is no signal now; empty where there is."""
@@ -159,6 +171,13 @@ class Channel:
         if quality < self._config.min_quality:
             return f"quality {quality:.2f} is below {self._config.min_quality:g}"
         return ""
+
+
+def _ripple_beside(raw: Floats, level: Floats, at: int) -> float:
+    """The greater ripple of both sides of a point: a muscle that works for a moment is not in that of the minute."""
+    reach = round(BESIDE_S * features.GRID_HZ)
+    sides = slice(max(0, at - reach), at), slice(at, at + reach)
+    return float(np.nanmax([features.ripple(raw[side], level[side]) for side in sides]))
 
 
 def _nothing(problem: str, quality: float) -> Look:

@@ -179,12 +179,13 @@ def after_jumps(level: Floats) -> float:
     return float(after.mean())
 
 
-def quality(level: Floats, noise: float, filled: float) -> float:
+def quality(level: Floats, noises: Floats, filled: float) -> float:
     """Return the quality 0..1 of a channel, a product of terms that are each 1 for a clean one.
 
-    noise: of a sample; the spread of the level; time after jumps; filled: share of the window with samples.
+    noises: of a sample, in each part of the window; the spread of the level; time after jumps; filled: share of the
+    window with samples.
     """
     wander = 0.5 * float(np.subtract(*np.percentile(level, (84, 16))))
-    clean = 1 / (1 + (noise / NOISE_HALF_UV) ** 2)
+    clean = float(np.mean(1 / (1 + (noises / NOISE_HALF_UV) ** 2)))
     calm = 1 / (1 + (wander / WANDER_HALF_UV) ** 2)
     return float(np.clip(filled * clean * calm * (1 - after_jumps(level)), 0.0, 1.0))

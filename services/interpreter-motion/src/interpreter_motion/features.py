@@ -110,4 +110,4 @@ def quality(noise: float, gravity_off: float, filled: float, clipped: float) -> 
     noise, gravity_off: m/s^2; filled, clipped: share of the samples that are there, that are at an end of the range.
     """
     clean = 1 / (1 + (noise / NOISE_HALVES) ** 2) / (1 + (gravity_off / GRAVITY_HALVES) ** 2)
-    return float(np.clip(clean * filled * (1 - clipped), 0.0, 1.0))
+    return float(np.clip(clean * filled * (1 - clipped) ** 2, 0.0, 1.0))

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
+from sense4hri.living import frozen
 from sense4hri.motion import UNIT, Moved
 from sense4hri.slow import drawn_through, runs
 from sense4hri.stamps import SECOND_NS
@@ -66,7 +67,8 @@ class MotionStream:
         return [update for block in self._blocks.take(timed) for update in self._interpret(block)]
 
     def _begin_segment(self) -> None:
-        self._samples, self._times_ns = np.empty((0, 3)), np.empty(0, np.int64)
+        self._raw, self._times_ns = np.empty((0, 3)), np.empty(0, np.int64)
+        self._samples = self._raw  # without those that are held
         self._upright, self._learned_ns = self._axis(), 0
         self._steps_ns = np.empty(0, np.int64)  # of the window
         self._total, self._signed = 0, False  # signed: a number was negative
@@ -84,8 +86,10 @@ class MotionStream:
             self._begin_segment()
         kept_ns = block.end_ns - round(max(LOOK_S, self._config.window_s) * SECOND_NS)
         kept = slice(int(np.searchsorted(self._times_ns, kept_ns, side="right")), None)
-        self._samples = np.concatenate([self._samples[kept], block.samples[:, self._axes]])
+        self._raw = np.concatenate([self._raw[kept], block.samples[:, self._axes]])
         self._times_ns = np.concatenate([self._times_ns[kept], block.times_ns])
+        held = frozen(self._raw, round(BRIDGED_S * self._fs_hz))
+        self._samples = np.where(held[:, None], np.nan, self._raw)
         self._signed = self._signed or bool((block.samples[:, self._axes] < 0).any())
         if block.hole is None:
             return [self._update(block)]
@@ -98,10 +102,11 @@ class MotionStream:
     def _update(self, block: Block) -> MotionUpdate:
         window_s = block.window_s(self._config.window_s)
         start_ns = block.end_ns - round(self._config.window_s * SECOND_NS)
-        samples = self._samples[np.searchsorted(self._times_ns, start_ns, side="right") :]
+        here = slice(int(np.searchsorted(self._times_ns, start_ns, side="right")), None)
+        samples = self._samples[here]
         known = samples[np.isfinite(samples).all(axis=1)]
         filled = min(1.0, len(known) / max(1.0, self._fs_hz * window_s))
-        problem = self._problem(known, filled)
+        problem = self._problem(known, self._raw[here], filled)
         if problem:
             nothing = self._extra(np.nan, np.nan)
             return MotionUpdate(
@@ -196,12 +201,18 @@ class MotionStream:
         low, high = self._info.range_min, self._info.range_max
         return float(np.mean(((known <= low) | (known >= high)).any(axis=1))) if low < high else 0.0
 
-    def _problem(self, known: Floats, filled: float) -> str:
+    def _problem(self, known: Floats, raw: Floats, filled: float) -> str:
         """Why nothing can be said of the window; empty where something can."""
         if filled < KNOWN:
-            return "accelerometer holds no number for most of the window"
+            numbers = np.isfinite(raw).all(axis=1).sum() > 2 * len(known)
+            why = "is flat: its values do not change" if numbers else "holds no number"
+            return f"accelerometer {why} for most of the window"
         if not np.ptp(known, axis=0).any():
             return "accelerometer is flat: its values do not change"
+        still = np.ptp(known, axis=0) == 0
+        if still.any() and np.linalg.norm(known.std(axis=0)) * self._scale(known) > STILL_M_S2:
+            axes = ", ".join(np.array(list("xyz"))[still])
+            return f"accelerometer: {axes} does not change while the others move"
         if not self._calibrated and self._has_offset(known):
             return f"uncalibrated: {self._info.unit or 'unknown'} without negative numbers, its zero is not known"
         if self._clipped(known) > KNOWN:

@@ -68,6 +68,12 @@ def breaths(waves: Floats, reach: float = REACH) -> list[Breath]:
     return found
 
 
+def raised(raw: Floats, waves: Floats, found: list[Breath]) -> list[Breath]:
+    """Return the breaths in which the signal itself rises: waves swing back in a long pause, where it rests."""
+    level = smoothed(raw, SMOOTH_S)
+    return [breath for breath in found if level[breath.peak] > level[breath.trough]]
+
+
 def turns(waves: Floats, reach: float) -> tuple[list[int], list[int]]:
     """Return (peaks, troughs): extremes that the signal left by more than reach."""
     ends: tuple[list[int], list[int]] = [], []

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
 from sense4hri.lasting import IN_DOUBT, Lasting
+from sense4hri.living import frozen
 from sense4hri.slow import GRID_HZ, Slow, newest_run, runs
 from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature
@@ -80,7 +81,8 @@ class RespirationStream:
     def _restart(self) -> None:
         self._slow.restart()
         self._lasting.restart()
-        self._values = np.empty((0, len(self._columns)))
+        self._grid = np.empty((0, len(self._columns)))
+        self._values = self._grid  # without what is held
         self._spread, self._times_ns = np.empty(0), np.empty(0, np.int64)
         self._told: list[Told] = []
         self._told_ns = -(2**62)  # the last breath that was told, or withheld
@@ -90,7 +92,9 @@ class RespirationStream:
             self._restart()
         points = self._slow.push(block.samples[:, self._columns], block.times_ns)
         kept = slice(-round((max(self._config.window_s, LOOK_S) + SETTLED_S) * GRID_HZ), None)
-        self._values = np.concatenate([self._values, points.values])[kept]
+        self._grid = np.concatenate([self._grid, points.values])[kept]
+        held = frozen(self._grid, round(BRIDGED_S * GRID_HZ))
+        self._values = np.where(held[:, None], np.nan, self._grid)
         self._spread = np.append(self._spread, points.spread)[kept]
         self._times_ns = np.append(self._times_ns, points.times_ns)[kept]
         if block.hole is None:
@@ -107,7 +111,7 @@ class RespirationStream:
     def _look(self, run: slice) -> Seen:
         raw, spread = self._shown(self._values[run]), self._spread[run]
         waves = features.breathing(raw) if len(raw) else raw
-        found = features.breaths(waves) if len(raw) else []
+        found = features.raised(raw, waves, features.breaths(waves)) if len(raw) else []
         known = spread[np.isfinite(spread)]
         period_s, likeness = features.autocorrelation(waves[-round(self._config.window_s * GRID_HZ) :])
         usual = float(np.median(known)) if len(known) else np.nan
