@@ -125,7 +125,7 @@ def _values(name: str, given: Mapping[str, Any], places: Places) -> Iterator[Fin
 def _context(name: str, build: Any, places: Places) -> Iterator[Finding]:
     """Yield the folder that an image would be built from and that is not there; another machine's is not looked at."""
     context = str(build.get("context", ".") if isinstance(build, dict) else build or ".")
-    if "://" not in context and not context.startswith("git@") and not (places.file.parent / context).is_dir():
+    if "://" not in context and not context.startswith("git@") and not os.path.isdir(places.file.parent / context):
         yield places.error(f"services.{name}.build", f"there is no folder {context!r}", context)
 
 
@@ -149,6 +149,6 @@ def _images(study: Study, places: Places) -> Iterator[Finding]:
         own = image["service"].replace("-", "_")
         if bare not in known:
             yield places.error(f"{keys}.image", f"there is no image {bare}{near(bare, known)}", bare)
-        elif service.ours and (SERVICES / image["service"]).is_dir() and service.package != own:
+        elif service.ours and os.path.isdir(SERVICES / image["service"]) and service.package != own:
             text = f"image {bare} has no {service.package}; extend {service.package.replace('_', '-')}"
             yield places.error(f"{keys}.extends", text)

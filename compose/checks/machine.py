@@ -145,14 +145,14 @@ def _serial_ports(service: Service, places: Places) -> Iterator[Finding]:
 def files(service: Service, places: Places, made: Path | None = None) -> Iterator[Finding]:
     """Yield paths of this machine that are mounted and not there; Docker would make empty folders of them."""
     for target, source in service.mounts.items():
-        if source.startswith("/") and not Path(source).exists() and Path(source) != made:
+        if source.startswith("/") and not os.path.exists(source) and Path(source) != made:
             keys = f"services.{service.name}.volumes"
             yield places.error(keys, f"{source} is not there; it would be {target} in the container", target)
 
 
 def _bag(service: Service, places: Places) -> Iterator[Finding]:
     bag = str(_last(service, "bag") or "") if service.package == "replay" else ""
-    if bag and not Path(bag).exists() and not Path(bag).parent.exists():
+    if bag and not os.path.exists(bag) and not os.path.exists(Path(bag).parent):
         yield places.error(f"services.{service.name}.command", f"bag {bag!r} is not there: nothing to replay", "bag:=")
 
 
@@ -160,7 +160,7 @@ def _read(service: Service, places: Places) -> Iterator[Finding]:
     """Yield files that a driver reads and that are not there; a driver of a file or a board ends without."""
     for name in READ.get(service.package, ()):
         path = str(_last(service, name) or "")
-        if path.startswith("/") and not path.startswith("/volumes/") and not Path(path).exists():
+        if path.startswith("/") and not path.startswith("/volumes/") and not os.path.exists(path):
             text = f"{name} {path!r} is not there; in a container it must be in one of `volumes`"
             yield places.error(f"services.{service.name}.command", text, f"{name}:=")
 

@@ -418,6 +418,37 @@ def test_a_file_in_another_encoding_is_told_with_the_cause_and_the_line(tmp_path
     assert (told.line, told.text) == (line, f"{tmp_path}/{said}")
 
 
+@pytest.mark.parametrize(
+    ("content", "line", "said"),
+    [
+        ("services: # Größe\n".encode("latin-1"), 1, "is not in UTF-8, line 1: save it as UTF-8"),
+        (b"services:\n  own: [\n", 3, "is no YAML: while parsing a flow node"),
+    ],
+)
+def test_a_file_that_is_extended_and_cannot_be_read_is_told_with_its_own_line(tmp_path, content, line, said):
+    """Whoever looks into the study at that line finds nothing wrong there."""
+    (tmp_path / "base.yaml").write_bytes(content)
+    text = "name: trial\nx-study: {name: trial}\nservices:\n  own: {extends: {file: base.yaml, service: own}}\n"
+    told = next(each for each in found(tmp_path, text) if "base.yaml" in each.text)
+    assert (told.file.name, told.line) == ("base.yaml", line)
+    assert told.text.startswith(f"{tmp_path}/base.yaml {said}")
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "keys"),
+    [
+        ("python -m driver_polar", f"python -m {'d' * 300}", set()),
+        (f"{HOUSE}, service: recorder", f"{'f' * 300}.yaml, service: recorder", {"services.recorder.extends"}),
+        ("radio:/run/dbus]", f"/{'m' * 300}:/run/dbus]", {"services.h10-1.volumes"}),
+        ("    volumes: [", f"    build: {'b' * 300}\n    volumes: [", {"services.h10-1.build"}),
+    ],
+)
+def test_a_name_too_long_for_a_file_ends_no_check(tmp_path, right, wrong, keys):
+    """It is told as any other that is not there; of somebody else's program nothing is known."""
+    told = found(tmp_path, RIGHT.replace(right, wrong))
+    assert keys <= {each.text.partition(":")[0] for each in told}
+
+
 def test_a_disk_too_small_for_the_planned_time(tmp_path):
     """The longer the study, the more room it needs; for a moment there is enough."""
     (error,) = found(tmp_path, RIGHT, hours=1e9)
