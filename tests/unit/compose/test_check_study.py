@@ -300,6 +300,7 @@ def test_the_session_is_conducted_on_one_machine_of_several(tmp_path):
 @pytest.mark.parametrize(
     ("hosts", "host", "said"),
     [
+        ("{a-b: 10.0.0.1, A_b: 10.0.0.2}", None, "error: x-study.hosts.A_b: 'A_b' and 'a-b' are both a_b on the graph"),
         ("{a: 10.0.0.1, b: 192.168.1.300}", "a", "error: x-study.hosts.b: '192.168.1.300' is no address that is known"),
         ("{a: 10.0.0.1, b: 'http://b'}", "a", "error: x-study.hosts.b: 'http://b' is no address that is known here"),
         ("{a: 10.0.0.1, b: box.invalid}", None, "warning: x-study.hosts.b: 'box.invalid' is no address that is known"),
