@@ -129,11 +129,16 @@ class Coordinator:
         if session.phase is Phase.STOPPING:
             message = f"session '{session.session_id}' is stopping already"
             return Outcome(True, session.session_id, session.directory, message, [])
-        detail = "stopped before it had begun" if session.phase is Phase.PREPARING else session.detail
+        detail = session.detail if self._has_started(now) else "stopped before it had begun"
         self.session = replace(session, phase=Phase.STOPPING, stop_ns=now.ros_ns, detail=detail)
         self._enter(now)
         message = f"session '{session.session_id}' is stopping"
         return Outcome(True, session.session_id, session.directory, message, self._publish() + self.tick(now))
+
+    def _has_started(self, now: Now) -> bool:
+        """Return whether the common start, which is announced ahead, has come; a clock that was set takes none back."""
+        ahead = now.ros_ns < self.session.start_ns and now.monotonic_s - self._since_s < self._config.lead_s
+        return self.session.phase is Phase.RECORDING and not ahead
 
     def ack(self, ack: Ack, now: Now) -> list[Effect]:
         """A service says something about a phase; what is not about this one is too late to matter.
@@ -166,7 +171,7 @@ class Coordinator:
         if self.session.phase not in ACTIVE:
             return []
         effects: list[Effect] = []
-        for name in sorted(self._present.keys() - set(self.session.expected)):
+        for name in sorted(self._newcomers()):
             effects.append(Note(f"service appeared: {name}"))
             self._left.discard(name)
             self.session = replace(self.session, expected=tuple(sorted({*self.session.expected, name})))
@@ -179,6 +184,11 @@ class Coordinator:
         if now.monotonic_s >= self._settled_at_s:
             effects += self._without_gone()
         return effects + self._advance(now)
+
+    def _newcomers(self) -> set[str]:
+        """Who is to be expected, too. Who comes while it stops has nothing to finish, unless it records."""
+        found = self._present.keys() - set(self.session.expected)
+        return found & {*self._config.last_services} if self.session.phase is Phase.STOPPING else found
 
     def _heeded(self, services: Iterable[str]) -> list[str]:
         """Who counts of these: at most MOST_SERVICES, first who is needed, then who took part already."""
