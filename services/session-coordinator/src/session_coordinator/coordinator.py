@@ -7,6 +7,7 @@
 Both from IDLE and from FAILED a new session may start.
 """
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -46,7 +47,7 @@ class Coordinator:
         used: Iterable[str] = (),
         gone_for_s: float = 0.0,
     ) -> None:
-        """session, used, gone_for_s: what was kept by the run before, and how long ago that was."""
+        """session, used, gone_for_s: what was kept by the run before, and how long ago that was; NaN: not known."""
         self._config, self._onlookers = config, Patterns(config.ignored_services)
         self.session = session or Session()
         self.used: tuple[str, ...] = tuple(used)
@@ -74,7 +75,9 @@ class Coordinator:
             self.session = replace(self.session, phase=Phase.FAILED, waiting_for=(), detail=f"interrupted: {why}")
             return
         self._settled_at_s = now.monotonic_s + SETTLE_S
-        self._resumed = f"session_coordinator was away for {gone_for_s:.1f} s"
+        known = not math.isnan(gone_for_s)
+        absence = f"for {gone_for_s:.1f} s" if known else "for a time that is not known: the clock was set back"
+        self._resumed = f"session_coordinator was away {absence}"
 
     @property
     def entered_s(self) -> float:
