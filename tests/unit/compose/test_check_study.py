@@ -436,6 +436,31 @@ def test_a_file_that_is_extended_and_cannot_be_read_is_told_with_its_own_line(tm
 
 
 @pytest.mark.parametrize(
+    ("right", "wrong", "line", "said"),
+    [
+        ("  name: trial", "  name: ''", 3, "x-study.name: study is empty: name the study"),
+        (
+            "  name: trial",
+            f"  name: trial\n  task: {'t' * 101}",
+            4,
+            "x-study.task: task has 101 characters, at most 100",
+        ),
+        ("[p1]", "[p1, unassigned]", 4, "x-study.participants: human_ids: 'unassigned' is no participant"),
+        (
+            "    - /hum",
+            "    - /a b\n    - /hum",
+            6,
+            "x-study.required_streams: required_streams: '/a b' is no full topic",
+        ),
+    ],
+)
+def test_a_session_that_its_coordinator_would_refuse_is_told_before_anything_starts(tmp_path, right, wrong, line, said):
+    """`make demo` asks for it once everything runs."""
+    told = found(tmp_path, RIGHT.replace(right, wrong, 1))
+    assert any(f"trial.yaml:{line}: error: {said}" in str(each) for each in told), told
+
+
+@pytest.mark.parametrize(
     ("right", "wrong", "keys"),
     [
         ("python -m driver_polar", f"python -m {'d' * 300}", set()),
