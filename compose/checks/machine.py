@@ -47,9 +47,12 @@ def for_processes(study: Study, recordings: Path, places: Places) -> Iterator[Fi
             "dbus-daemon is missing: the virtual sensors need it. Debian, Ubuntu: apt-get install dbus-daemon",
         )
     for service in study.processes:
-        program = service.process(Path("/volumes")).command[0]
+        process = service.process(Path("/volumes"))
+        program, folder = process.command[0], process.folder or "/"
         if shutil.which(program) is None:
             yield places.error(f"services.{service.name}.command", f"{program} is not a program of this machine")
+        if not folder.startswith("/volumes/") and not os.path.isdir(folder):
+            yield places.error(f"services.{service.name}.working_dir", f"{folder!r} is no folder of this machine")
         yield from files(service, places, recordings)
         yield from _bag(service, places)
     yield from _no_bus(study, places)

@@ -95,6 +95,10 @@ MISTAKES = {
     "-p sdk_mode:=true -p model:=H10": ("-p model:=H10", "sdk_mode: model H10 has none"),
     "[radio:/run/dbus, ./no:/no]": ("[radio:/run/dbus]", "/no is not there; it would be /no in"),
     "devices: [/dev/ttyNO7]\n    command: >": ("command: >", "/dev/ttyNO7: no such port"),
+    "working_dir: /no\n    command: >": (
+        "command: >",
+        "services.h10-1.working_dir: '/no' is no folder of this machine",
+    ),
     "-p port:=/dev/ttyNO8 -p model:=H10": ("-p model:=H10", "/dev/ttyNO8: no such port"),
     "radio: }": (f"radio: {WRITABLE}}}", "volumes.radio: is root's in a container, where sensor-bench runs as 10001"),
     "sensor-bench: }": ("sensor-bench:", "is no YAML"),
