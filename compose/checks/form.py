@@ -21,7 +21,8 @@ OF_A_SERVICE, OF_A_VOLUME, OF_THE_FILE = ("x-process", "x-host"), ("x-process",)
 REFERRED = {"networks": "default", "secrets": "", "configs": ""}
 """Keys of a service whose entries the file declares under a key of the same name, and what is there undeclared."""
 PORT = re.compile(
-    r"(?:(?:\d+(?:\.\d+){3}|\[[0-9a-fA-F:]+\]):)?(?:(?P<published>\d+)(?:-\d+)?:|:)?(?P<target>\d+)(?:-\d+)?(?:/(?:tcp|udp|sctp))?"
+    r"(?:(?:\d+(?:\.\d+){3}|\[[0-9a-fA-F:]+\]):)?"
+    r"(?P<ports>(?:\d+(?:-\d+)?:|:)?(?P<target>\d+)(?:-\d+)?)(?:/(?:tcp|udp|sctp))?"
 )
 MOST_PORT = 65535
 SIZE = re.compile(r"-?\d+(\.\d+)?\s*([bkmg]b?)?", re.I)
@@ -118,7 +119,7 @@ def _values(name: str, given: Mapping[str, Any], places: Places) -> Iterator[Fin
         if key in given and not form.fullmatch(str(given[key])):
             yield places.error(f"services.{name}.{key}", f"{given[key]!r} must be {called}")
     for port in given.get("ports") or () if isinstance(given.get("ports"), list | None) else ():
-        if not isinstance(port, dict) and (wrong := _port(str(port))):
+        if wrong := _port(_short(port)):
             yield places.error(f"services.{name}.ports", wrong, str(port))
 
 
@@ -129,13 +130,22 @@ def _context(name: str, build: Any, places: Places) -> Iterator[Finding]:
         yield places.error(f"services.{name}.build", f"there is no folder {context!r}", context)
 
 
+def _short(port: Any) -> str:
+    """Return an entry of `ports` as it would be written in one word."""
+    if not isinstance(port, dict):
+        return str(port)
+    published = port.get("published")
+    return f"{'' if published is None else f'{published}:'}{port.get('target', '')}"
+
+
 def _port(given: str) -> str:
     """Return what is wrong with an entry of `ports`, "" where nothing is."""
     found = PORT.fullmatch(given)
     if found is None:
         return f"{given!r} must be like 8080:80 or 127.0.0.1:8080:80"
-    wrong = next((port for port in found.groups() if port and int(port) > MOST_PORT), "")
-    return f"port {wrong}: must be 1 to {MOST_PORT}" if wrong else ""
+    wrong = [port for port in map(int, re.findall(r"\d+", found["ports"])) if port > MOST_PORT]
+    wrong += [0] * (int(found["target"]) == 0)  # published at 0 it is at any that is free
+    return f"port {wrong[0]}: must be 1 to {MOST_PORT}" if wrong else ""
 
 
 def _images(study: Study, places: Places) -> Iterator[Finding]:

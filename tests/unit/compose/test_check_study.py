@@ -133,6 +133,13 @@ MISTAKES = {
     ),
     "service: clock-sync}\n    deploy: [1]": ("service: clock-sync}", "clock-sync.deploy: is [1], must be a table"),
     "service: clock-sync}\n    ports: ['99999:80']": ("service: clock-sync}", "port 99999: must be 1 to 65535"),
+    "service: clock-sync}\n    ports: ['80:0']": ("service: clock-sync}", "port 0: must be 1 to 65535"),
+    "service: clock-sync}\n    ports: ['80-70000:80']": ("service: clock-sync}", "port 70000: must be 1 to 65535"),
+    "service: clock-sync}\n    ports: [{target: 80, published: 70001}]": (
+        "service: clock-sync}",
+        "port 70001: must be",
+    ),
+    "service: clock-sync}\n    ports: [{published: 80}]": ("service: clock-sync}", "'80:' must be like 8080:80"),
     "service: clock-sync}\n    depends_on: recorder": (
         "service: clock-sync}",
         "services.clock-sync.depends_on: is 'recorder', must be a list or a table",
