@@ -78,7 +78,7 @@ soak: env ## a long run of the demo graph
 images: ## the base image and one image per service
 	@compose/images.sh
 
-up: images ## start a study in containers: STUDY=demo, polar or a file; TLS=name: over HTTPS; HOST=lab-a: its part; with .venv there (make env) it is checked first
+up: $(if $(HOST),env) images ## start a study in containers: STUDY=demo, polar or a file; TLS=name: over HTTPS; HOST=lab-a: its part; with .venv there (make env; HOST= makes it) it is checked first
 	@if [ -x $(RUN) ]; then $(RUN) compose/check_study.py --as containers --study $(call quoted,$(STUDY)) --host $(call quoted,$(HOST)); else echo "not checked: make env"; fi
 	@tokens="$$($(TOKENS) --compose)" && $(PART) $(COMPOSE) $(HTTPS) -f "$$tokens" $(OF_HOST) up --detach
 	@$(COMPOSE) $(HTTPS) ps

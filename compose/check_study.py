@@ -65,6 +65,8 @@ def findings(
     except StudyError as error:
         return [places.of(error)]
     found = [*map(places.of, wrong), *_all(study, kind, places), *_here(mine, kind, hours, recordings, places)]
+    if kind == "processes" and not wrong and "replay" not in study.packages:
+        found += names.refused(study, places)
     found += hosts.findings(study, host or "", kind == "containers", places)
     if kind == "containers" and not status(found):
         found += docker.unread(file, places)

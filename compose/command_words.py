@@ -1,6 +1,7 @@
 """What the words of a command say: the ROS parameters in them, and where their paths are without a container."""
 
 import itertools
+import os
 import re
 import shlex
 from collections.abc import Callable, Mapping, Sequence
@@ -53,7 +54,7 @@ def _file(where: str, path: Path, package: str) -> dict[str, Any]:
 
 def _is_for(name: str, package: str) -> bool:
     """Return whether ROS gives a block of this name to a node; of somebody else's the node's name is not known."""
-    if not (SERVICES / package.replace("_", "-")).is_dir() or not package:
+    if not os.path.isdir(SERVICES / package.replace("_", "-")) or not package:
         return True
     return name.strip("/") in ("*", "**") or (name.strip("/") == package and not package.startswith(NAMED_LATER))
 

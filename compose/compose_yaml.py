@@ -230,7 +230,7 @@ def _extended(
     if not known_keys or not isinstance(extends.get("file", ""), str):
         raise StudyError(f"{where}.extends: is {extends!r}, must be {{file: ..., service: ...}}")
     of, name = (file.parent / extends["file"]).resolve() if "file" in extends else file, str(extends["service"])
-    if not of.is_file():
+    if not os.path.isfile(of):
         raise StudyError(f"{where}.extends: {extends['file']} cannot be read: No such file")
     known = load(of, environment)["services"]
     if name not in known:

@@ -169,6 +169,9 @@ def main() -> int:
     except StudyError as error:
         print(error, file=sys.stderr)
         return WRONG
+    except OSError as error:
+        print(f"{options.folder} cannot be written to: {error.strerror}", file=sys.stderr)
+        return WRONG
     return 0
 
 

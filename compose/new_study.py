@@ -72,8 +72,12 @@ def main() -> int:
 
 
 def _write(file: Path, text: str) -> None:
+    content = text.encode("utf-8", "surrogateescape")  # words of a terminal that Python takes for none of UTF-8
     try:
-        file.write_text(text)
+        content.decode("utf-8")
+        file.write_bytes(content)
+    except UnicodeDecodeError as error:
+        raise Refused(f"{file} cannot be written: a word that was given is no text in UTF-8") from error
     except OSError as error:
         raise Refused(f"{file} cannot be written: {error.strerror}") from error
 

@@ -82,7 +82,7 @@ class Service:
     @property
     def ours(self) -> bool:
         """True for a service of this repository; of somebody else's driver no HTTP is asked."""
-        return bool(self.package) and (SERVICES / self.package.replace("_", "-")).is_dir()
+        return bool(self.package) and os.path.isdir(SERVICES / self.package.replace("_", "-"))
 
     @property
     def sensor_id(self) -> str:

@@ -69,7 +69,7 @@ def with_http(study: Path) -> list[str]:
 def file_of(study: str) -> Path:
     """Return the file of a study by its name or path."""
     path = Path(study) if study.endswith((".yaml", ".yml")) else HERE / "studies" / f"{study}.yaml"
-    if not path.is_file():
+    if not os.path.isfile(path):  # Path's own raises where the name is too long for one
         raise SystemExit(f"{study}: there is no study file {path}")
     return path.resolve()
 

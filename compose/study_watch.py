@@ -4,6 +4,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from queue import Empty, SimpleQueue
@@ -14,6 +15,8 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from sense4hri import qos
 from sense4hri.clock_model import ros_ns
+from sense4hri.errors import Refused
+from sense4hri.intake import check
 from sense4hri.modalities import MODALITIES
 from sense4hri.names import ROOT, StreamName
 from sense4hri.ros_thread import RosThread
@@ -80,8 +83,14 @@ class StudyWatch:
                 return
 
     def hear(self, kind: type, topic: str, take: Callable[[Any], None], profile: QoSProfile) -> None:
-        """Have take(message) called, in `spin`, for every message of a topic."""
-        self.node.create_subscription(kind, topic, lambda message: self._came.put(partial(take, message)), profile)
+        """Have take(message) called, in `spin`, for every message of a topic that a service would take, too."""
+
+        def came(message: Any) -> None:
+            with suppress(Refused):
+                check(message)
+                self._came.put(partial(take, message))
+
+        self.node.create_subscription(kind, topic, came, profile)
 
     def close(self) -> None:
         """Leave the graph."""
@@ -169,7 +178,7 @@ class StudyWatch:
             match topic_field:
                 case "raw":
                     seen.raw += 1
-                    seen.samples += len(message.channels[0].samples)
+                    seen.samples += len(message.channels[0].samples) if message.channels else 0
                     seen.device_time = seen.device_time or to_ns(message.device_timestamp) != 0
                 case "features":
                     seen.features += 1

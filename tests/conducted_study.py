@@ -58,7 +58,7 @@ class Study:
         self.ack(*self.session.expected)
         self.ack(*self.session.expected)
         assert self.session.phase is Phase.RECORDING
-        self.pass_s(0.1)
+        self.pass_s(1.1)  # the common start has come
         return self
 
     def notes(self) -> list[str]:

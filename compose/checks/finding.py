@@ -12,6 +12,7 @@ from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 MERGE = "<<"
 SENTENCE = re.compile(r"(?P<file>.+?\.ya?ml): (?P<keys>\S+): (?P<what>.+)", re.S)
+OF_A_FILE = re.compile(r"(?P<file>.+?\.ya?ml) (?:is|has|cannot) .+", re.S)
 IN_A_LINE = re.compile(r"line (\d+)")
 
 
@@ -49,7 +50,9 @@ class Places:
         sentence = str(error)
         if (found := SENTENCE.fullmatch(sentence)) is None:
             lines = IN_A_LINE.findall(sentence)
-            return Finding(self.file, int(lines[-1]) if lines else 1, "error", sentence)
+            whole = OF_A_FILE.fullmatch(sentence)
+            file = Path(whole["file"]) if whole else self.file
+            return Finding(file, int(lines[-1]) if lines else 1, "error", sentence)
         file, line_number = place(Path(found["file"]), found["keys"], *_words(found["what"]))
         return Finding(file, line_number, "error", _in_one_line(f"{found['keys']}: {found['what']}"))
 

@@ -21,7 +21,8 @@ OF_A_SERVICE, OF_A_VOLUME, OF_THE_FILE = ("x-process", "x-host"), ("x-process",)
 REFERRED = {"networks": "default", "secrets": "", "configs": ""}
 """Keys of a service whose entries the file declares under a key of the same name, and what is there undeclared."""
 PORT = re.compile(
-    r"(?:(?:\d+(?:\.\d+){3}|\[[0-9a-fA-F:]+\]):)?(?:(?P<published>\d+)(?:-\d+)?:|:)?(?P<target>\d+)(?:-\d+)?(?:/(?:tcp|udp|sctp))?"
+    r"(?:(?:\d+(?:\.\d+){3}|\[[0-9a-fA-F:]+\]):)?"
+    r"(?P<ports>(?:\d+(?:-\d+)?:|:)?(?P<target>\d+)(?:-\d+)?)(?:/(?:tcp|udp|sctp))?"
 )
 MOST_PORT = 65535
 SIZE = re.compile(r"-?\d+(\.\d+)?\s*([bkmg]b?)?", re.I)
@@ -118,15 +119,23 @@ def _values(name: str, given: Mapping[str, Any], places: Places) -> Iterator[Fin
         if key in given and not form.fullmatch(str(given[key])):
             yield places.error(f"services.{name}.{key}", f"{given[key]!r} must be {called}")
     for port in given.get("ports") or () if isinstance(given.get("ports"), list | None) else ():
-        if not isinstance(port, dict) and (wrong := _port(str(port))):
+        if wrong := _port(_short(port)):
             yield places.error(f"services.{name}.ports", wrong, str(port))
 
 
 def _context(name: str, build: Any, places: Places) -> Iterator[Finding]:
     """Yield the folder that an image would be built from and that is not there; another machine's is not looked at."""
     context = str(build.get("context", ".") if isinstance(build, dict) else build or ".")
-    if "://" not in context and not context.startswith("git@") and not (places.file.parent / context).is_dir():
+    if "://" not in context and not context.startswith("git@") and not os.path.isdir(places.file.parent / context):
         yield places.error(f"services.{name}.build", f"there is no folder {context!r}", context)
+
+
+def _short(port: Any) -> str:
+    """Return an entry of `ports` as it would be written in one word."""
+    if not isinstance(port, dict):
+        return str(port)
+    published = port.get("published")
+    return f"{'' if published is None else f'{published}:'}{port.get('target', '')}"
 
 
 def _port(given: str) -> str:
@@ -134,8 +143,9 @@ def _port(given: str) -> str:
     found = PORT.fullmatch(given)
     if found is None:
         return f"{given!r} must be like 8080:80 or 127.0.0.1:8080:80"
-    wrong = next((port for port in found.groups() if port and int(port) > MOST_PORT), "")
-    return f"port {wrong}: must be 1 to {MOST_PORT}" if wrong else ""
+    wrong = [port for port in map(int, re.findall(r"\d+", found["ports"])) if port > MOST_PORT]
+    wrong += [0] * (int(found["target"]) == 0)  # published at 0 it is at any that is free
+    return f"port {wrong[0]}: must be 1 to {MOST_PORT}" if wrong else ""
 
 
 def _images(study: Study, places: Places) -> Iterator[Finding]:
@@ -149,6 +159,6 @@ def _images(study: Study, places: Places) -> Iterator[Finding]:
         own = image["service"].replace("-", "_")
         if bare not in known:
             yield places.error(f"{keys}.image", f"there is no image {bare}{near(bare, known)}", bare)
-        elif service.ours and (SERVICES / image["service"]).is_dir() and service.package != own:
+        elif service.ours and os.path.isdir(SERVICES / image["service"]) and service.package != own:
             text = f"image {bare} has no {service.package}; extend {service.package.replace('_', '-')}"
             yield places.error(f"{keys}.extends", text)

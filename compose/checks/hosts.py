@@ -1,9 +1,10 @@
-"""The machines of a study on several: whether their addresses are known here, and this machine's is its own."""
+"""The machines of a study on several: whether they can be told apart, and this machine's address is its own."""
 
 import socket
 from collections.abc import Iterator
 from contextlib import closing
 
+from sense4hri.host_clocks import sanitised
 from study_file import Study
 
 from checks.finding import Finding, Places
@@ -12,13 +13,16 @@ LOOPBACK = "127."
 
 
 def findings(study: Study, host: str, listens: bool, places: Places) -> Iterator[Finding]:
-    """Yield addresses with which no machine finds the others.
+    """Yield addresses with which no machine finds the others, and names that are one on the graph.
 
     host: which machine this is, "" = none of them, where a name need not be known. listens: services answer HTTP at it.
     """
     seen: dict[str, str] = {}
+    called: dict[str, str] = {}
     for name, address in study.hosts.items():
         keys, found = f"x-study.hosts.{name}", _found(address)
+        if (other := called.setdefault(sanitised(name), name)) != name:
+            yield places.error(keys, f"{name!r} and {other!r} are both {sanitised(name)} on the graph: rename one")
         if not found:
             text = f"{address!r} is no address that is known here: no ROS node would start"
             yield (places.error if host else places.warning)(keys, text, address)

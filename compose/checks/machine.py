@@ -47,9 +47,12 @@ def for_processes(study: Study, recordings: Path, places: Places) -> Iterator[Fi
             "dbus-daemon is missing: the virtual sensors need it. Debian, Ubuntu: apt-get install dbus-daemon",
         )
     for service in study.processes:
-        program = service.process(Path("/volumes")).command[0]
+        process = service.process(Path("/volumes"))
+        program, folder = process.command[0], process.folder or "/"
         if shutil.which(program) is None:
             yield places.error(f"services.{service.name}.command", f"{program} is not a program of this machine")
+        if not folder.startswith("/volumes/") and not os.path.isdir(folder):
+            yield places.error(f"services.{service.name}.working_dir", f"{folder!r} is no folder of this machine")
         yield from files(service, places, recordings)
         yield from _bag(service, places)
     yield from _no_bus(study, places)
@@ -145,14 +148,14 @@ def _serial_ports(service: Service, places: Places) -> Iterator[Finding]:
 def files(service: Service, places: Places, made: Path | None = None) -> Iterator[Finding]:
     """Yield paths of this machine that are mounted and not there; Docker would make empty folders of them."""
     for target, source in service.mounts.items():
-        if source.startswith("/") and not Path(source).exists() and Path(source) != made:
+        if source.startswith("/") and not os.path.exists(source) and Path(source) != made:
             keys = f"services.{service.name}.volumes"
             yield places.error(keys, f"{source} is not there; it would be {target} in the container", target)
 
 
 def _bag(service: Service, places: Places) -> Iterator[Finding]:
     bag = str(_last(service, "bag") or "") if service.package == "replay" else ""
-    if bag and not Path(bag).exists() and not Path(bag).parent.exists():
+    if bag and not os.path.exists(bag) and not os.path.exists(Path(bag).parent):
         yield places.error(f"services.{service.name}.command", f"bag {bag!r} is not there: nothing to replay", "bag:=")
 
 
@@ -160,7 +163,7 @@ def _read(service: Service, places: Places) -> Iterator[Finding]:
     """Yield files that a driver reads and that are not there; a driver of a file or a board ends without."""
     for name in READ.get(service.package, ()):
         path = str(_last(service, name) or "")
-        if path.startswith("/") and not path.startswith("/volumes/") and not Path(path).exists():
+        if path.startswith("/") and not path.startswith("/volumes/") and not os.path.exists(path):
             text = f"{name} {path!r} is not there; in a container it must be in one of `volumes`"
             yield places.error(f"services.{service.name}.command", text, f"{name}:=")
 

@@ -5,8 +5,10 @@ from collections import Counter
 from collections.abc import Iterator
 
 from compose_yaml import load, near
+from sense4hri.errors import Refusal
 from sense4hri.names import ROOT, UNASSIGNED, StreamName
 from sense4hri.patterns import Patterns
+from session_coordinator.request import StartWish, request
 from study_file import Service, Study
 
 from checks.finding import Finding, Places
@@ -19,6 +21,8 @@ WRITTEN = (("recorder", "directory"), ("metadata_registry", "database"), ("sessi
 ONLY_ONE = ("clock_sync", "metadata_registry", "recorder", "session_coordinator", "web_gui")
 SAID_IN_RECORDINGS = {"session_coordinator": "/study/session", "metadata_registry": "/study/sensors"}
 """What a recording says itself, and who else would."""
+WISHED = {"study": "name", "human_ids": "participants"}
+"""Keys of x-study by the fields of a wish for a session, where they differ."""
 DEVICE = ("address", "name", "port")
 """Parameters that say which device a driver takes; two drivers of one device get in each other's way."""
 
@@ -41,6 +45,17 @@ def session(study: Study, places: Places) -> Iterator[Finding]:
     """Yield where nobody conducts the session that `make demo` records."""
     if study.of("session_coordinator") is None and "replay" not in study.packages:
         yield places.error("services", "session-coordinator is missing; make demo records a session through it")
+
+
+def refused(study: Study, places: Places) -> Iterator[Finding]:
+    """Yield why the session that `make demo` asks for, once everything runs, would be refused."""
+    try:
+        request(
+            StartWish(study.name, "", study.task, human_ids=study.participants, required_streams=study.required_streams)
+        )
+    except Refusal as error:
+        near_words = (topic for topic in study.required_streams if repr(topic) in str(error))
+        yield places.error(f"x-study.{WISHED.get(error.field, error.field)}", str(error), *near_words)
 
 
 def _participants(study: Study, places: Places) -> Iterator[Finding]:

@@ -150,3 +150,22 @@ def test_a_session_survives_the_recorder(start, ears, tmp_path):
     assert nodes["/recorder"]["record_when"] == "session"
     assert nodes["/recorder"]["software_version"] == about["software"]["recorder"] != ""
     assert [*(further.parent).glob("*Z_1/*.mcap")] == [further / f"{further.name}_0.mcap"]
+
+
+def test_looking_for_what_was_left_behind_keeps_nothing_from_being_recorded(start, ears, tmp_path):
+    """A lab has thousands of recordings: a session is recorded meanwhile, and what is found is recovered after that."""
+    left = tmp_path / "recordings" / "20261120T093000Z"
+    left.mkdir(parents=True)
+    (left / "recorder.json").write_text('{"format": 1, "state": "recording", "session": null}')
+    env = {"FOUND_AT": str(tmp_path / "found")}
+    recorder = start("slow_search.py", env=env, directory=tmp_path / "recordings", record_when="session")
+    study = Study(ears)
+    study.phase(SessionState.PREPARING)
+    study.phase(SessionState.RECORDING)
+    study.mark(0.5)
+    folder = Path(study.phase(SessionState.STOPPING).directory)
+    assert markers(folder) == list(range(study.sent))
+    (tmp_path / "found").touch()
+    poll(lambda: read(left / "recorder.json")["state"] == "interrupted", "what was left behind is closed")
+    assert recorder.stop() == 0
+    assert read(folder / "recorder.json")["state"] == "complete"

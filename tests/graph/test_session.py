@@ -332,6 +332,44 @@ def test_a_killed_coordinator_goes_on_with_the_session(study):
     assert study.phase(SessionState.IDLE).detail == "session 'mine': not recorded: no recorder took part"
 
 
+@pytest.mark.timeout(300)
+def test_a_second_coordinator_ends_no_session(study, tmp_path):
+    """It keeps to itself that it conducts none for as long as another one is there, and refuses a stop with the reason.
+
+    The recorder would take that for the end of the session and close its file.
+    """
+    first = study.coordinator()
+    study.run("recorder", directory=tmp_path / "recordings", record_when="session")
+    study.hear_nodes(first, "recorder")
+    assert first.ask("/start", {"study": "s", "session_id": "mine"})[0] == 200
+    study.phase(SessionState.RECORDING)
+    study.states.clear()
+    second = study.run("session_coordinator", state_file=tmp_path / "second.json")
+    second.port()
+    study.until(lambda: "recorder" in second.ask("/session")[1].get("present_services", ()), "the second one looks on")
+    study.until(lambda: "another session-coordinator" in str(second.ask("/stop", {})), "it knows of the first one")
+    assert first.ask("/stop", {})[0] == 200
+    over = study.phase(SessionState.IDLE)
+    assert over.detail.startswith("session 'mine'")
+    assert {state.session_id for state in study.states[:-1]} == {"mine"}
+    assert len([*(tmp_path / "recordings").glob("*/*/*/recorder.json")]) == 1
+    first.stop()
+    study.until(lambda: study.states[-1].detail == "", "the second one says that there is no session")
+
+
+def test_a_session_file_that_was_removed_is_written_again(study, tmp_path):
+    """So that a coordinator started afresh goes on with the session all the same."""
+    first = study.coordinator()
+    assert first.ask("/start", {"study": "s", "session_id": "mine"})[0] == 200
+    study.phase(SessionState.RECORDING)
+    (tmp_path / "session.json").unlink()
+    study.until(lambda: (tmp_path / "session.json").is_file(), "it is there again")
+    first.kill()
+    study.coordinator()
+    study.until(lambda: any("session_coordinator was away" in note for note in study.notes()), "it goes on")
+    assert study.phase(SessionState.RECORDING).session_id == "mine"
+
+
 def test_what_cannot_be_is_refused_with_a_sentence(study):
     """Names that break the rules, unknown fields, a stop of nothing: an error over ROS and HTTP, and nothing begins."""
     coordinator = study.coordinator()

@@ -95,6 +95,10 @@ MISTAKES = {
     "-p sdk_mode:=true -p model:=H10": ("-p model:=H10", "sdk_mode: model H10 has none"),
     "[radio:/run/dbus, ./no:/no]": ("[radio:/run/dbus]", "/no is not there; it would be /no in"),
     "devices: [/dev/ttyNO7]\n    command: >": ("command: >", "/dev/ttyNO7: no such port"),
+    "working_dir: /no\n    command: >": (
+        "command: >",
+        "services.h10-1.working_dir: '/no' is no folder of this machine",
+    ),
     "-p port:=/dev/ttyNO8 -p model:=H10": ("-p model:=H10", "/dev/ttyNO8: no such port"),
     "radio: }": (f"radio: {WRITABLE}}}", "volumes.radio: is root's in a container, where sensor-bench runs as 10001"),
     "sensor-bench: }": ("sensor-bench:", "is no YAML"),
@@ -129,6 +133,13 @@ MISTAKES = {
     ),
     "service: clock-sync}\n    deploy: [1]": ("service: clock-sync}", "clock-sync.deploy: is [1], must be a table"),
     "service: clock-sync}\n    ports: ['99999:80']": ("service: clock-sync}", "port 99999: must be 1 to 65535"),
+    "service: clock-sync}\n    ports: ['80:0']": ("service: clock-sync}", "port 0: must be 1 to 65535"),
+    "service: clock-sync}\n    ports: ['80-70000:80']": ("service: clock-sync}", "port 70000: must be 1 to 65535"),
+    "service: clock-sync}\n    ports: [{target: 80, published: 70001}]": (
+        "service: clock-sync}",
+        "port 70001: must be",
+    ),
+    "service: clock-sync}\n    ports: [{published: 80}]": ("service: clock-sync}", "'80:' must be like 8080:80"),
     "service: clock-sync}\n    depends_on: recorder": (
         "service: clock-sync}",
         "services.clock-sync.depends_on: is 'recorder', must be a list or a table",
@@ -300,6 +311,7 @@ def test_the_session_is_conducted_on_one_machine_of_several(tmp_path):
 @pytest.mark.parametrize(
     ("hosts", "host", "said"),
     [
+        ("{a-b: 10.0.0.1, A_b: 10.0.0.2}", None, "error: x-study.hosts.A_b: 'A_b' and 'a-b' are both a_b on the graph"),
         ("{a: 10.0.0.1, b: 192.168.1.300}", "a", "error: x-study.hosts.b: '192.168.1.300' is no address that is known"),
         ("{a: 10.0.0.1, b: 'http://b'}", "a", "error: x-study.hosts.b: 'http://b' is no address that is known here"),
         ("{a: 10.0.0.1, b: box.invalid}", None, "warning: x-study.hosts.b: 'box.invalid' is no address that is known"),
@@ -416,6 +428,62 @@ def test_a_file_in_another_encoding_is_told_with_the_cause_and_the_line(tmp_path
     (tmp_path / "trial.yaml").write_bytes(content)
     (told,) = check_study.findings(tmp_path / "trial.yaml", "processes", 1e-3, tmp_path, {})
     assert (told.line, told.text) == (line, f"{tmp_path}/{said}")
+
+
+@pytest.mark.parametrize(
+    ("content", "line", "said"),
+    [
+        ("services: # Größe\n".encode("latin-1"), 1, "is not in UTF-8, line 1: save it as UTF-8"),
+        (b"services:\n  own: [\n", 3, "is no YAML: while parsing a flow node"),
+    ],
+)
+def test_a_file_that_is_extended_and_cannot_be_read_is_told_with_its_own_line(tmp_path, content, line, said):
+    """Whoever looks into the study at that line finds nothing wrong there."""
+    (tmp_path / "base.yaml").write_bytes(content)
+    text = "name: trial\nx-study: {name: trial}\nservices:\n  own: {extends: {file: base.yaml, service: own}}\n"
+    told = next(each for each in found(tmp_path, text) if "base.yaml" in each.text)
+    assert (told.file.name, told.line) == ("base.yaml", line)
+    assert told.text.startswith(f"{tmp_path}/base.yaml {said}")
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "line", "said"),
+    [
+        ("  name: trial", "  name: ''", 3, "x-study.name: study is empty: name the study"),
+        (
+            "  name: trial",
+            f"  name: trial\n  task: {'t' * 101}",
+            4,
+            "x-study.task: task has 101 characters, at most 100",
+        ),
+        ("[p1]", "[p1, unassigned]", 4, "x-study.participants: human_ids: 'unassigned' is no participant"),
+        (
+            "    - /hum",
+            "    - /a b\n    - /hum",
+            6,
+            "x-study.required_streams: required_streams: '/a b' is no full topic",
+        ),
+    ],
+)
+def test_a_session_that_its_coordinator_would_refuse_is_told_before_anything_starts(tmp_path, right, wrong, line, said):
+    """`make demo` asks for it once everything runs."""
+    told = found(tmp_path, RIGHT.replace(right, wrong, 1))
+    assert any(f"trial.yaml:{line}: error: {said}" in str(each) for each in told), told
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "keys"),
+    [
+        ("python -m driver_polar", f"python -m {'d' * 300}", set()),
+        (f"{HOUSE}, service: recorder", f"{'f' * 300}.yaml, service: recorder", {"services.recorder.extends"}),
+        ("radio:/run/dbus]", f"/{'m' * 300}:/run/dbus]", {"services.h10-1.volumes"}),
+        ("    volumes: [", f"    build: {'b' * 300}\n    volumes: [", {"services.h10-1.build"}),
+    ],
+)
+def test_a_name_too_long_for_a_file_ends_no_check(tmp_path, right, wrong, keys):
+    """It is told as any other that is not there; of somebody else's program nothing is known."""
+    told = found(tmp_path, RIGHT.replace(right, wrong))
+    assert keys <= {each.text.partition(":")[0] for each in told}
 
 
 def test_a_disk_too_small_for_the_planned_time(tmp_path):

@@ -132,3 +132,15 @@ def test_what_works_together_on_loopback_is_on_one_machine(tmp_path: Path) -> No
     text = STUDY.replace('"grafana/grafana:11.6.0", x-host: lab-c', '"grafana/grafana:11.6.0", x-host: lab-a')
     with pytest.raises(StudyError, match="prometheus on lab-c, alertmanager on lab-c, grafana on lab-a"):
         host_override.write(study(tmp_path, text), "lab-c", tmp_path)
+
+
+def test_a_folder_that_takes_no_file_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One sentence, as of all else that keeps a machine's part from being started."""
+    (tmp_path / "build").touch()
+    (tmp_path / "study.yaml").write_text(STUDY)
+    words = ["--study", f"{tmp_path}/study.yaml", "--host", "lab-a", "--folder", f"{tmp_path}/build"]
+    monkeypatch.setattr("sys.argv", ["host_override.py", *words])
+    assert host_override.main() == host_override.WRONG
+    assert capsys.readouterr().err == f"{tmp_path}/build cannot be written to: File exists\n"

@@ -1,5 +1,6 @@
 """`make study`: what it writes is a study, says what was asked for, and takes nobody's work away."""
 
+import os
 import re
 import shlex
 import subprocess
@@ -280,3 +281,17 @@ def test_the_command_itself(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "nothing is wrong" in done.stdout
+
+
+@pytest.mark.parametrize(("task", "status"), [("Prüfung", 0), ("\udcff", 78)])
+def test_a_study_is_written_whole_or_not_at_all(tmp_path, task, status):
+    """Whatever the language of the terminal; what is no text is refused, and what was there stays."""
+    (tmp_path / "pilot.yaml").write_text("mine")
+    words = ["pilot", "--folder", str(tmp_path), "--task", task, "--force", "--virtual", *BARE]
+    language = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    command = [sys.executable, ROOT / "compose" / "new_study.py", *(os.fsencode(word) for word in words)]
+    done = subprocess.run(command, env=os.environ | language, capture_output=True, check=False)
+    assert done.returncode == status, done.stderr
+    text = (tmp_path / "pilot.yaml").read_text("utf-8")
+    assert text == "mine" if status else task in text
+    assert b"Traceback" not in done.stderr

@@ -1,6 +1,8 @@
 """One study file, several machines: what each runs, and with what."""
 
 import re
+import subprocess
+from pathlib import Path
 
 import pytest
 import several_hosts
@@ -84,3 +86,12 @@ def test_a_study_on_several_machines_is_started_on_one_of_them(tmp_path, host):
     """Without HOST, or with another's name, nothing starts."""
     with pytest.raises(StudyError, match="lab-a, lab-b, lab-c"):
         several_hosts.part(study(tmp_path), host)
+
+
+def test_containers_of_a_machine_are_not_begun_without_what_knows_its_part() -> None:
+    """`make up HOST=`: what works the part out, and refuses another machine's name, is made before the images."""
+    command = ["make", "-n", "up", "HOST=lab-d"]
+    told = subprocess.run(command, cwd=Path(__file__).parents[3], capture_output=True, text=True, check=True).stdout
+    words = ["environment.py", "images.sh", "check_study.py", "host_override.py", "up --detach"]
+    assert [told.find(word) for word in words] == sorted(told.find(word) for word in words)
+    assert "environment.py" in told

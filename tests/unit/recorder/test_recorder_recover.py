@@ -105,6 +105,15 @@ def test_what_is_being_written_is_left_alone(tmp_path):
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
 
 
+def test_a_recording_that_was_closed_in_order_is_never_called_interrupted(tmp_path, capsys):
+    """Whoever names it, by hand or because its recorder closed it just then: it is told, and stays as it is."""
+    Bag(tmp_path, Limits("none")).close()
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    assert main([str(tmp_path)]) == 1
+    assert "was closed in order" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
 def test_a_recording_without_a_message_is_closed_with_what_is_wrong(tmp_path):
     """Cut off in its first bytes, it is marked as interrupted all the same, and the reason is an event."""
     folder = killed(tmp_path, numbers=1)

@@ -111,3 +111,21 @@ def test_a_new_session_is_not_acknowledged_with_the_folder_of_another_one(monkey
     TakingPart(service, None, None, lambda: bag, None)
     assert told["directory"](SessionState(session_id="s1")) == str(tmp_path.resolve())
     assert told["directory"](SessionState(session_id="s2")) == ""
+
+
+def test_the_last_messages_are_waited_for_at_the_end_of_every_session(monkeypatch):
+    """Also of one that bears the id of another one, which was stopped before it had begun."""
+    told, finished, clock = {}, [], SimpleNamespace(now_s=100.0)
+    monkeypatch.setattr(taking_part_module, "SessionMember", lambda *_, **more: told.update(more))
+    monkeypatch.setattr(taking_part_module, "time", SimpleNamespace(monotonic=lambda: clock.now_s))
+    service = SimpleNamespace(node=SimpleNamespace(get_name=lambda: "recorder"))
+    topics = SimpleNamespace(hearing=SimpleNamespace(behind_s=0.0))
+    TakingPart(service, None, topics, lambda: None, finished.append)
+    for stopped_s in (1, 2):
+        state = SessionState(session_id="s1")
+        state.stop_at.sec = stopped_s
+        assert told["finish"](state) == (False, "writing")
+        assert len(finished) == stopped_s - 1
+        clock.now_s += 1.0
+        told["finish"](state)
+        assert finished == ["s1"] * stopped_s

@@ -222,6 +222,22 @@ def test_a_session_that_did_not_end_well_says_so(study, session, more, said):
     assert {item["verdict"] for item in summary["streams"]} == {"complete"}
 
 
+@pytest.mark.parametrize(
+    ("detail", "said"),
+    [
+        ("stopped before it had begun", "the session-coordinator said at the stop: stopped before it had begun"),
+        ("", "by its stamps it stopped before it started: the host's clock was set back meanwhile"),
+    ],
+)
+def test_a_session_stopped_before_its_announced_start_is_no_clock_set_back(study, detail, said):
+    """The coordinator knows the difference, by a clock that nobody sets, and has said it at the stop."""
+    stream(study, ECG)
+    about = {"header": {"stamp": stamp(at(-0.4))}, "session_id": "s1", "phase": 3, "detail": detail}
+    study.add("/study/session", "SessionState", at(-0.4), **about)
+    summary = make_report(finish(study, session=told(stop_at_ns=at(-0.4), required_streams=[ECG_TOPIC])))
+    assert summary["problems"] == [said]
+
+
 @pytest.mark.parametrize(("topic", "kind", "verdict"), [
     ("/study/markers", "Marker", "usable with gaps"),
     (f"/humans/physiological/{ECG}/features", "ECG", "usable with gaps"),

@@ -1,5 +1,7 @@
 """A coordinator that begins in the middle, or is left alone: it goes on, and nothing hangs."""
 
+import math
+
 import pytest
 from conducted_study import WISH, Study
 from session_coordinator.config import Config
@@ -37,6 +39,14 @@ def test_a_coordinator_started_afresh_goes_on():
     after.ack("driver", "recorder")
     assert after.session.detail == "session 's1': complete"
     assert "used before" in after.start().message
+
+
+def test_an_absence_of_unknown_length_is_told_as_such():
+    """The host's clock was set back meanwhile; the session goes on."""
+    before = Study("driver", "recorder").record()
+    after = Study(session=before.session, gone_for_s=math.nan)
+    assert after.session.phase is Phase.RECORDING
+    assert after.notes() == ["session_coordinator was away for a time that is not known: the clock was set back"]
 
 
 def test_a_coordinator_started_afresh_misses_no_stream_before_it_can_know_it():

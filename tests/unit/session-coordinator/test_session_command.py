@@ -13,6 +13,11 @@ class Line:
 
     def __init__(self, *states: SessionState) -> None:
         self.state, self._coming = None, list(states)
+        self.coordinators = [1]  # how many there are, whenever it is looked; the last number stays
+        self.node = SimpleNamespace(count_publishers=self._count)
+
+    def _count(self, topic: str) -> int:
+        return self.coordinators.pop(0) if len(self.coordinators) > 1 else self.coordinators[0]
 
     def until(self, condition, seconds):
         if self._coming:
@@ -35,6 +40,17 @@ def test_the_idle_before_a_start_does_not_end_it(end, status):
     )
     line = Line(state("IDLE"), state("PREPARING", "s1"), state(end, "s1"))
     assert cli.start(line, wish) == status
+
+
+def test_who_follows_a_session_is_told_once_that_nobody_conducts_it_any_more(capsys):
+    """Nothing else would be said until a coordinator is there again, which goes on with it."""
+    preparing = state("PREPARING", "s1")
+    line = Line(preparing, *[preparing] * 3, state("RECORDING", "s1"))
+    line.coordinators = [1, 0, 0, 1, 0]
+    assert cli._follow(line, "s1", {SessionState.RECORDING}).phase == SessionState.RECORDING
+    told = capsys.readouterr().out.splitlines()
+    assert [words.split()[0] for words in told] == ["PREPARING", "no", "PREPARING", "RECORDING"]
+    assert told[1] == "no session-coordinator any more; the session goes on where one is started within its time"
 
 
 def test_what_services_say_of_themselves_is_one_line_on_the_terminal(capsys):

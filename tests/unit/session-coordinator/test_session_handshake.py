@@ -24,6 +24,7 @@ def test_a_session_from_start_to_end():
     assert study.session.start_ns == study.now().ros_ns + 10**9
     study.ack("driver", "recorder")
     assert study.session.waiting_for == ()
+    study.pass_s(1.0)
     assert study.stop("s1").directory == "/r/1"
     assert study.session.stop_ns == study.now().ros_ns
     study.ack("driver")
@@ -186,6 +187,44 @@ def test_a_stop_while_preparing_ends_the_session_unrecorded():
     study.ack("driver")
     assert study.session.detail == "session 's1': stopped before it had begun"
     assert study.start().success
+
+
+@pytest.mark.parametrize(("after_s", "told"), [(0.5, "stopped before it had begun"), (1.5, "complete")])
+def test_a_stop_before_the_common_start_is_not_called_complete(after_s, told):
+    """The start is announced ahead: nobody's first segment has opened then, and the stop's stamp is before it."""
+    study = Study("recorder")
+    study.start()
+    study.ack("recorder")
+    study.ack("recorder")
+    study.pass_s(after_s)
+    study.stop()
+    assert (study.session.stop_ns < study.session.start_ns) == (told != "complete")
+    study.ack("recorder")
+    study.pass_s(0.5)
+    study.ack("recorder")
+    assert study.session.detail == f"session 's1': {told}"
+
+
+def test_a_clock_set_back_while_recording_takes_no_session_for_one_that_never_began():
+    """By its stamps the stop is before the start then, too."""
+    study = Study("recorder").record()
+    study.pass_s(600.0)
+    outcome = study.coordinator.stop("", study.now()._replace(ros_ns=study.session.start_ns - 10**12))
+    assert (outcome.success, study.session.detail) == (True, "")
+
+
+def test_who_appears_late_in_the_stopping_is_not_called_one_that_did_not_finish():
+    """It has had no time to; what it was before it came, nobody can say."""
+    study = Study("driver", "recorder").record()
+    study.stop()
+    study.pass_s(9.0)
+    study.ack("driver")
+    study.pass_s(5.0)
+    study.nodes = {**study.nodes, "passer_by": frozenset({b"new"})}
+    study.look()
+    study.pass_s(1.0)
+    study.ack("passer_by", "recorder")
+    assert study.session.detail == "session 's1': complete"
 
 
 def test_a_name_is_used_once():

@@ -128,6 +128,15 @@ def test_a_session_outlives_the_process(tmp_path):
     assert kept.gone_for_s == pytest.approx(50, abs=5)
 
 
+def test_an_absence_over_a_clock_that_was_set_back_is_not_called_none(tmp_path):
+    """Nobody can say how long it was."""
+    store = Store(tmp_path / "session.json")
+    store.save(Session(Phase.RECORDING, "s1", "study"), ())
+    then = os.stat(tmp_path / "session.json").st_mtime + 3600
+    os.utime(tmp_path / "session.json", (then, then))
+    assert math.isnan(store.load().gone_for_s)
+
+
 @pytest.mark.parametrize(
     "content",
     [

@@ -102,7 +102,10 @@ def _judge_session(session: Json, window: Window, place: Json, judgement: Judgem
     if session["failed"] is not None:
         judgement.gaps("the session failed" + (f": {session['failed']}" if session["failed"] else ""))
     set_back = 0 < (session["stop_at_ns"] or 0) < (session["start_at_ns"] or 0)
-    if set_back:
+    stopped = next((phase["detail"] for phase in session["phases"] if phase["phase"] == "STOPPING"), "")
+    if stopped:
+        judgement.gaps(f"the session-coordinator said at the stop: {stopped}")
+    elif set_back:
         judgement.gaps("by its stamps it stopped before it started: the host's clock was set back meanwhile")
     if not window.begins and not place["continues"] and not set_back:
         judgement.gaps("the session's start is not known: it is judged from the first message on")

@@ -78,8 +78,15 @@ class Recorder:
         TakingPart(service, self.writing, self.topics, lambda: self._last, self._finish)
         service.http.get("/recording", self.status, Recording)
         service.log.info(f"records {config.record_when}, into {self._root.resolve()}")
-        self._chores.add(*(Chore(RECOVER, folder) for folder in left_behind(self._root)))
+        service.thread("search", self._recover)
         self._turn(self._plan.target)
+
+    def _recover(self) -> None:
+        """Find what recorders left behind, on a thread of its own: where there are thousands of recordings it lasts."""
+        for folder in left_behind(self._root):
+            if self._service.stopped.is_set():
+                return
+            self._chores.add(Chore(RECOVER, folder))
 
     async def run(self) -> None:
         """Record until stopped, then finish the file with everything that was received by then, whatever failed."""

@@ -24,7 +24,7 @@ from sense4hri_recording.errors import DAMAGE
 from sense4hri_recording.layout import RESERVE
 from sense4hri_recording.lock import Lock
 from sense4hri_recording.reader import read_index
-from sense4hri_recording.recorder_json import INTERRUPTED, RECORDING, RecorderJson
+from sense4hri_recording.recorder_json import COMPLETE, INTERRUPTED, RECORDING, RecorderJson
 from sense4hri_recording.repair import repair_folder
 
 WHY = "the recorder was killed, or the machine lost its power"
@@ -55,6 +55,8 @@ def recover(folder: Path) -> list[str]:
         about = recorder_json.read(folder)
         if not about.state:
             raise ValueError(about.trouble or f"{recorder_json.NAME} does not say how far the recording has come")
+        if about.state == COMPLETE:
+            raise ValueError("it was closed in order; `python -m sense4hri_recording.repair` mends damaged files")
         (folder / RESERVE).unlink(missing_ok=True)
         done, failures, found = repair_folder(folder)
         told = [f"{one.path.name}: {one.told}" for one in done]

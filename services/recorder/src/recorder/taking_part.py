@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from sense4hri.service import Service
 from sense4hri.session import SessionMember
+from sense4hri.stamps import to_ns
 from sense4hri.waiting import Waited
 from sense4hri_msgs.msg import SessionState
 
@@ -33,7 +34,7 @@ class TakingPart:
         self._last, self._finish = last, finish
         self._told_of: Bag | None = None
         self._lacking = ""  # to the one told of
-        self._alone = ("", 0.0)  # the session for which all others have finished, and since when
+        self._alone = ("", 0, 0.0)  # the session for which all others have finished, its stop, and since when
         SessionMember(service, self._may_begin, finish=self._finished, directory=self._directory)
 
     def _bag(self, session: SessionState) -> Bag | None:
@@ -63,9 +64,10 @@ class TakingPart:
         others = [entry for entry in session.waiting_for if Waited.parse(entry).who != self._name]
         if others:
             return False, "waits for the others"
-        if self._alone[0] != session.session_id:
-            self._alone = session.session_id, time.monotonic()
-        if time.monotonic() < self._alone[1] + SETTLE_S:
+        stop = session.session_id, to_ns(session.stop_at)  # an id may come again after a stop that came too early
+        if self._alone[:2] != stop:
+            self._alone = *stop, time.monotonic()
+        if time.monotonic() < self._alone[2] + SETTLE_S:
             return False, "writing"
         if (behind_s := self._topics.hearing.behind_s) > SETTLE_S:
             return False, f"takes in what was sent, {behind_s:.1f} s behind"

@@ -21,7 +21,7 @@ from sense4hri_msgs.msg import Marker, SessionAck, SessionState
 from sense4hri_msgs.srv import StartSession, StopSession
 
 from session_coordinator.config import Config
-from session_coordinator.coordinator import Coordinator
+from session_coordinator.coordinator import DISCOVERY_S, Coordinator
 from session_coordinator.heartbeat import Heartbeats
 from session_coordinator.markers import Markers
 from session_coordinator.request import MarkerWish, Request, StartWish, StopWish, ended, press, request
@@ -43,7 +43,8 @@ class Shell:
     def __init__(self, service: Service[Config], store: Store, coordinator: Coordinator) -> None:
         self._service, self._store, self._coordinator = service, store, coordinator
         self._trouble = ""
-        self._alone_at_s = self._ticked_s = self._looked_s = time.monotonic()
+        self._latest, self._is_mute = coordinator.session, True
+        self._begun_s = self._alone_at_s = self._ticked_s = self._looked_s = time.monotonic()
         self._woke_s = -WAKES_S
         self._watch, self._recorders, self._services = StreamWatch(service), Heartbeats(), Beats()
         self._people = service.watch([f"{ROOT}/*/*/*/*"], lambda topic: None)
@@ -68,6 +69,8 @@ class Shell:
         if stood_s > SILENT_S and self._coordinator.session.phase in ACTIVE:
             self._do([Note(f"{self._service.node.get_name()}: stood still for {stood_s:.0f} s")])
         self._do(self._coordinator.tick(self._now()))
+        if self._is_mute:
+            self._say()
         self._markers.send()
 
     def close(self) -> None:
@@ -80,7 +83,7 @@ class Shell:
         for info in self._service.node.get_subscriptions_info_by_topic(SESSION_TOPIC):
             process = bytes(info.endpoint_gid)[:PROCESS_BYTES]
             present[info.node_name] = present.get(info.node_name, frozenset()) | {process}
-        if self._service.node.count_publishers(SESSION_TOPIC) <= 1:
+        if not self._has_rival():
             self._alone_at_s = time.monotonic()
         self._do(self._coordinator.seen(present, self._now()))
         if not self._is_waking() and self._coordinator.session.phase in ACTIVE:
@@ -96,8 +99,10 @@ class Shell:
         return now_s - self._woke_s < WAKES_S
 
     def beat(self) -> None:
-        """Keep the time until which the session was looked after."""
-        if self._coordinator.session.phase in ACTIVE:
+        """Keep the time until which the session was looked after; what could not be kept is tried again."""
+        if self._trouble:
+            self._keep(self._save)
+        elif self._coordinator.session.phase in ACTIVE:
             self._keep(self._store.beat)
 
     def _told(self) -> Told:
@@ -111,15 +116,34 @@ class Shell:
         for effect in effects:
             match effect:
                 case Publish(session):
-                    message = state_message(session, self._now().ros_ns)
-                    serialize_message(message)  # what cannot be said is not kept either: it would end the next run too
-                    self._keep(lambda: self._store.save(session, self._coordinator.used))
-                    self._sessions.publish(message)
+                    # what cannot be said is not kept either: it would end the next run too
+                    serialize_message(state_message(session, self._now().ros_ns))
+                    self._latest = session
+                    self._keep(self._save)
+                    self._say()
                     self._phase.set(int(session.phase))
                     self._waiting.set(len(session.waiting_for))
                 case Note(text):
                     self._service.log.warning(text)
                     self._mark(self._now().ros_ns, "note", text)
+
+    def _say(self) -> None:
+        """Publish the latest state; of one who has just begun and conducts nothing, once no other one is there.
+
+        Services would take that for the end of the other one's session.
+        """
+        knows_graph = time.monotonic() - self._begun_s > DISCOVERY_S
+        if self._latest.phase in ACTIVE or (knows_graph and not self._has_rival()):
+            self._is_mute = False
+        if not self._is_mute:
+            self._sessions.publish(state_message(self._latest, self._now().ros_ns))
+
+    def _has_rival(self) -> bool:
+        """True where another coordinator is on the graph; DDS shows a killed one for a while."""
+        return int(self._service.node.count_publishers(SESSION_TOPIC)) > 1
+
+    def _save(self) -> None:
+        self._store.save(self._latest, self._coordinator.used)
 
     def _mark(
         self,
@@ -193,6 +217,8 @@ class Shell:
 
     def _end(self, wish: StopWish) -> Outcome:
         outcome = self._coordinator.stop(ended(wish), self._now())
+        if not outcome.success and self._has_rival():
+            outcome = outcome._replace(message=f"{outcome.message}; another session-coordinator is on this ROS domain")
         self._settle(outcome)
         return outcome
 

@@ -21,7 +21,9 @@ from session_coordinator.markers import TOPIC
 from session_coordinator.request import MarkerWish, press
 from session_coordinator.wire import marker_message
 
+SESSION = "/study/session"
 FIND_S, SETTLED_S = 10.0, 0.3
+GONE = "no session-coordinator any more; the session goes on where one is started within its time"
 PHASES = {getattr(SessionState, name): name for name in ("IDLE", "PREPARING", "RECORDING", "STOPPING", "FAILED")}
 
 
@@ -31,7 +33,7 @@ class SessionLine(Line):
     def __init__(self) -> None:
         super().__init__("sense4hri-session", "session-coordinator")
         self.state: SessionState | None = None
-        self.node.create_subscription(SessionState, "/study/session", self._hear, qos.SESSION)
+        self.node.create_subscription(SessionState, SESSION, self._hear, qos.SESSION)
 
     def _hear(self, state: SessionState) -> None:
         self.state = state
@@ -131,7 +133,8 @@ def _follow(line: SessionLine, session_id: str, until: set[int], before: Session
     while True:
         state = line.state
         if state is not before and state is not None and (not session_id or state.session_id in ("", session_id)):
-            if (text := _said(state)) != said:
+            known = state.phase in ends or line.node.count_publishers(SESSION)
+            if (text := _said(state) if known else GONE) != said:
                 said = text
                 print(text, flush=True)
             if state.phase in ends:

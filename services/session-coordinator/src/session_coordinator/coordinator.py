@@ -7,6 +7,7 @@
 Both from IDLE and from FAILED a new session may start.
 """
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -46,7 +47,7 @@ class Coordinator:
         used: Iterable[str] = (),
         gone_for_s: float = 0.0,
     ) -> None:
-        """session, used, gone_for_s: what was kept by the run before, and how long ago that was."""
+        """session, used, gone_for_s: what was kept by the run before, and how long ago that was; NaN: not known."""
         self._config, self._onlookers = config, Patterns(config.ignored_services)
         self.session = session or Session()
         self.used: tuple[str, ...] = tuple(used)
@@ -74,7 +75,9 @@ class Coordinator:
             self.session = replace(self.session, phase=Phase.FAILED, waiting_for=(), detail=f"interrupted: {why}")
             return
         self._settled_at_s = now.monotonic_s + SETTLE_S
-        self._resumed = f"session_coordinator was away for {gone_for_s:.1f} s"
+        known = not math.isnan(gone_for_s)
+        absence = f"for {gone_for_s:.1f} s" if known else "for a time that is not known: the clock was set back"
+        self._resumed = f"session_coordinator was away {absence}"
 
     @property
     def entered_s(self) -> float:
@@ -129,11 +132,16 @@ class Coordinator:
         if session.phase is Phase.STOPPING:
             message = f"session '{session.session_id}' is stopping already"
             return Outcome(True, session.session_id, session.directory, message, [])
-        detail = "stopped before it had begun" if session.phase is Phase.PREPARING else session.detail
+        detail = session.detail if self._has_started(now) else "stopped before it had begun"
         self.session = replace(session, phase=Phase.STOPPING, stop_ns=now.ros_ns, detail=detail)
         self._enter(now)
         message = f"session '{session.session_id}' is stopping"
         return Outcome(True, session.session_id, session.directory, message, self._publish() + self.tick(now))
+
+    def _has_started(self, now: Now) -> bool:
+        """Return whether the common start, which is announced ahead, has come; a clock that was set takes none back."""
+        ahead = now.ros_ns < self.session.start_ns and now.monotonic_s - self._since_s < self._config.lead_s
+        return self.session.phase is Phase.RECORDING and not ahead
 
     def ack(self, ack: Ack, now: Now) -> list[Effect]:
         """A service says something about a phase; what is not about this one is too late to matter.
@@ -166,7 +174,7 @@ class Coordinator:
         if self.session.phase not in ACTIVE:
             return []
         effects: list[Effect] = []
-        for name in sorted(self._present.keys() - set(self.session.expected)):
+        for name in sorted(self._newcomers()):
             effects.append(Note(f"service appeared: {name}"))
             self._left.discard(name)
             self.session = replace(self.session, expected=tuple(sorted({*self.session.expected, name})))
@@ -179,6 +187,11 @@ class Coordinator:
         if now.monotonic_s >= self._settled_at_s:
             effects += self._without_gone()
         return effects + self._advance(now)
+
+    def _newcomers(self) -> set[str]:
+        """Who is to be expected, too. Who comes while it stops has nothing to finish, unless it records."""
+        found = self._present.keys() - set(self.session.expected)
+        return found & {*self._config.last_services} if self.session.phase is Phase.STOPPING else found
 
     def _heeded(self, services: Iterable[str]) -> list[str]:
         """Who counts of these: at most MOST_SERVICES, first who is needed, then who took part already."""

@@ -1,6 +1,7 @@
 """The running session in a small file, so that a coordinator started afresh goes on with it."""
 
 import json
+import math
 import os
 import time
 from dataclasses import asdict, dataclass
@@ -20,7 +21,10 @@ LATEST_NS = 2**31 * SECOND_NS  # of what a ROS stamp can say
 
 
 class Kept(NamedTuple):
-    """What the run before left: session, session_ids used, and how long ago it last was there."""
+    """What the run before left: session, session_ids used, and how long ago it last was there.
+
+    gone_for_s is NaN where by the clock, which was set back then, that is yet to come.
+    """
 
     session: Session
     used: tuple[str, ...]
@@ -50,7 +54,8 @@ class Store:
             return None
         try:
             content: _File = read(_File, parse(text, "the file", LARGEST_FILE))
-            return Kept(_session(content.session), content.used, max(0.0, time.time() - changed_s))
+            gone_for_s = time.time() - changed_s
+            return Kept(_session(content.session), content.used, gone_for_s if gone_for_s >= 0 else math.nan)
         except ValueError as err:
             raise ValueError(f"{self._path} holds no session of ours: {err}") from err
 
