@@ -11,6 +11,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
 import bench_ecg
 import bench_ecg_truth
 import ecg_trials as trials
+from interpreter_ecg.foretold import unforeseen
+from interpreter_ecg.timing import irregular
 from scipy.signal import resample_poly
 
 pytestmark = pytest.mark.usefixtures("shared_data")
@@ -37,6 +39,22 @@ def test_mit_bih() -> None:
 def test_timing(name: str) -> None:
     """At 130 Hz an R peak is where it is at 360 Hz, to 0.3 ms."""
     assert bench_ecg.jitter_ms(name) < 0.3
+
+
+def test_heart_that_brakes_between_two_beats() -> None:
+    """Intervals of record 113 become longer by up to a third at once; RMSSD hardly hangs on what is unforeseen."""
+    record = bench_ecg.load("113")
+    times_ms, normal = 1e3 * bench_ecg.refined(record), record.symbols == "N"
+    linked = np.append(False, np.ones(249, bool))
+    for first in (500, 625, 750, 1500):
+        intervals_ms = np.diff(times_ms[first : first + 251])
+        assert normal[first : first + 251].all()
+        known = irregular(intervals_ms, linked).left_out
+        assert not known.any()
+        more = unforeseen(intervals_ms, linked, known)
+        squares = np.diff(intervals_ms) ** 2
+        few_ms, all_ms = (np.sqrt(np.mean(some)) for some in (squares[~more[1:] & ~more[:-1]], squares))
+        assert few_ms == pytest.approx(all_ms, abs=5)
 
 
 def test_variability() -> None:

@@ -19,6 +19,7 @@ from sense4hri.stream_info import StreamInfo
 from interpreter_ecg.config import Config
 from interpreter_ecg.detector import Beat, Detector
 from interpreter_ecg.features import contrast, signal_quality
+from interpreter_ecg.foretold import doubt_ms, unforeseen
 from interpreter_ecg.intervals import (
     FEWEST_INTERVALS,
     Interval,
@@ -30,7 +31,7 @@ from interpreter_ecg.intervals import (
 )
 from interpreter_ecg.morphology import Label, Morphology
 from interpreter_ecg.span import Jitters, Labels
-from interpreter_ecg.timing import Irregular, irregular, unforeseen
+from interpreter_ecg.timing import Irregular, irregular
 
 FS_HZ = (50.0, 8000.0)
 MOST_ECTOPIC_PERCENT = 12.0  # of the beats; from more, what is left between normal beats is no measure of the heart
@@ -243,9 +244,10 @@ class EcgStream:
     @staticmethod
     def _untold(span: Span, found: Irregular, rmssd_ms: float) -> bool:
         """Whether RMSSD depends on intervals that may end with premature beats that were not told."""
-        if math.isnan(rmssd_ms):
+        told = span.raw.rr_ms, span.raw.linked, found.left_out
+        if math.isnan(rmssd_ms) or doubt_ms(*told) <= MOST_UNTOLD_MS:
             return False
-        more = unforeseen(span.raw.rr_ms, span.raw.linked, found.left_out) | found.suspected
+        more = unforeseen(*told)
         if np.array_equal(more, found.left_out):
             return False
         return not abs(variability(span, more)[0].rmssd_ms - rmssd_ms) <= MOST_UNTOLD_MS

@@ -29,9 +29,6 @@ FEWEST_STEPS = 10  # from one known interval to the next, with which those besid
 JUMP = 1.5  # ratio of two intervals, one after the other, that no sinus node makes
 BESIDE = 5  # intervals before and after, their median: a single short one makes a jump too
 LONGEST_BLOCK = 30  # beats for which conduction changes; after more it is another rhythm
-BEFORE_AND_AFTER = (-3, -2, -1, 2, 3)  # intervals that foretell one; what follows it at once may be a pause
-UNFORESEEN = 3.0  # robust standard deviations by which an interval is shorter than foretold
-FEWEST_FORETOLD = 14
 
 
 class Irregular(NamedTuple):
@@ -39,27 +36,25 @@ class Irregular(NamedTuple):
 
     left_out: Bools  # not normal to normal: the two round a premature beat, and pauses
     early: int  # how many end with a premature beat
-    suspected: Bools  # the two round a beat that sticks out, left out or not
 
 
-def premature(rr_ms: Floats, linked: Bools) -> tuple[Bools, Bools]:
-    """Which intervals end with a beat that came too early, though it looks like the others; and which may.
+def premature(rr_ms: Floats, linked: Bools) -> Bools:
+    """Which intervals end with a beat that came too early, though it looks like the others.
 
     rr_ms: intervals in order, shape (n,); linked: which of them directly follow the one before. Nothing is known of
-    fewer than 11. Beside a gap a beat that came too early may show as the pause after it alone. Those that may stick
-    out, but not from each other: many premature beats hide each other so.
+    fewer than 11. Beside a gap a beat that came too early may show as the pause after it alone.
     """
-    found, may = np.zeros(len(rr_ms), bool), np.zeros(len(rr_ms), bool)
+    found = np.zeros(len(rr_ms), bool)
     if len(rr_ms) < MEDIAN_BEATS:
-        return found, may
+        return found
     before, after = np.full(len(rr_ms), np.nan), np.full(len(rr_ms), np.nan)
     after[-1] = np.inf  # what will follow the newest is not known: until then a short one counts as early
     before[1:] = np.where(linked[1:], rr_ms[:-1], np.nan)
     after[:-1] = np.where(linked[1:], rr_ms[1:], np.nan)
     depth = np.fmax(np.minimum(before - rr_ms, after - rr_ms), 0.0)
     if not np.any(depth > LEAST_EARLY * rr_ms.min()):
-        return _beside_gaps(rr_ms, linked, found), may  # what follows takes a tenth of a millisecond
-    usual_ms = _ranked(rr_ms, (MEDIAN_BEATS + 1) // 2, MEDIAN_BEATS, np.arange(len(rr_ms)))
+        return _beside_gaps(rr_ms, linked, found)  # what follows takes a tenth of a millisecond
+    usual_ms = usual(rr_ms)
     depth /= usual_ms
     height = np.fmax(np.minimum(rr_ms - before, rr_ms - after) / usual_ms, 0.0)
     early = np.flatnonzero(depth > LEAST_EARLY)
@@ -67,7 +62,6 @@ def premature(rr_ms: Floats, linked: Bools) -> tuple[Bools, Bools]:
     upward = _ranked(height, UPWARD_RANK, NEAR_BEATS, early)
     certain = early[depth[early] > CERTAIN * upward]
     early = early[depth[early] > UPWARD * upward]
-    may[early] = True
     for _ in range(MOST_LOOKS):
         rest = depth.copy()
         rest[early] = 0.0
@@ -76,51 +70,10 @@ def premature(rr_ms: Floats, linked: Bools) -> tuple[Bools, Bools]:
             break
         early = deeper
     found[early] = True
-    return found | _beside_gaps(rr_ms, linked, found), may
+    return found | _beside_gaps(rr_ms, linked, found)
 
 
-def unforeseen(rr_ms: Floats, linked: Bools, left_out: Bools) -> Bools:
-    """Those left out, and which intervals, shorter than both beside them, are shorter too than the others foretell.
-
-    And the one after each of these. left_out: those known to be none of the sinus node's, shape (n,).
-
-    A second opinion on `premature`, which compares extremes: many premature beats in deep breathing hide each other
-    there. Breathing is nearly periodic, so an interval follows from those round it (a linear model of the window, as
-    autoregressive ones are, fitted with Cauchy's weights against outliers). A premature beat and the pause after it do
-    not, and are replaced by what is foretold until nothing changes. Beside gaps, and of few, nothing is known.
-    """
-    if len(rr_ms) < FEWEST_FORETOLD + 6:
-        return left_out
-    joined = windows(linked.astype(np.float64), 6)[1:].all(axis=1)
-    at = np.flatnonzero(joined) + 3
-    if len(at) < FEWEST_FORETOLD:
-        return left_out
-    usual_ms = _ranked(rr_ms, (MEDIAN_BEATS + 1) // 2, MEDIAN_BEATS, np.arange(len(rr_ms)))
-    short = np.minimum(rr_ms[at - 1], rr_ms[at + 1]) - rr_ms[at] > LEAST_EARLY * usual_ms[at]
-    found = np.zeros(len(rr_ms), bool)
-    found[at] = short
-    suspect = _round(found, linked)
-    if not (suspect & ~left_out).any():
-        return left_out
-    middle_ms = median(rr_ms)
-    length, usual = rr_ms / middle_ms, usual_ms / middle_ms
-    filled = np.where(suspect, usual, length)
-    weight = np.where(short, 0.2, 1.0)
-    for _ in range(MOST_LOOKS):
-        known = np.stack([*(filled[at + i] for i in BEFORE_AND_AFTER), np.ones(len(at))])
-        foretold = np.linalg.lstsq(known * weight @ known.T, known * weight @ length[at])[0] @ known
-        off = length[at] - foretold
-        spread = max(median(np.abs(off)) / 0.6745, LEAST_EARLY / UNFORESEEN)
-        weight = 1 / (1 + (off / (2.5 * spread)) ** 2)
-        before, found[at] = found.copy(), short & (off < -UNFORESEEN * spread)
-        if np.array_equal(found, before):
-            break
-        usual[at] = foretold
-        filled = np.where(_round(found, linked), usual, length)
-    return left_out | _round(found, linked)
-
-
-def _round(early: Bools, linked: Bools) -> Bools:
+def either_side(early: Bools, linked: Bools) -> Bools:
     """The intervals round beats that came too early: those that end with one, and those that follow."""
     both = early.copy()
     both[1:] |= early[:-1] & linked[1:]
@@ -134,7 +87,7 @@ def _beside_gaps(rr_ms: Floats, linked: Bools, early: Bools) -> Bools:
     """
     beside = ~linked
     beside[:-1] |= ~linked[1:]
-    left_out = _round(early, linked)
+    left_out = either_side(early, linked)
     steps = np.zeros(len(rr_ms) + 1)
     steps[1:-1] = np.where(linked[1:] & ~left_out[1:] & ~left_out[:-1], np.abs(np.diff(np.log(rr_ms))), 0.0)
     sure = ~beside & ~left_out
@@ -143,6 +96,11 @@ def _beside_gaps(rr_ms: Floats, linked: Bools, early: Bools) -> Bools:
         return np.zeros(len(rr_ms), bool)
     most = max(REST * float(known.max()), LEAST_EARLY)
     return beside & (np.maximum(steps[:-1], steps[1:]) > most)
+
+
+def usual(rr_ms: Floats) -> Floats:
+    """The median of the intervals round each."""
+    return _ranked(rr_ms, (MEDIAN_BEATS + 1) // 2, MEDIAN_BEATS, np.arange(len(rr_ms)))
 
 
 def _ranked(values: Floats, rank: int, width: int, at: NDArray[np.intp]) -> Floats:
@@ -174,8 +132,8 @@ def paused(rr_ms: Floats, linked: Bools) -> Bools:
 
 def irregular(rr_ms: Floats, linked: Bools) -> Irregular:
     """Tell premature beats and pauses."""
-    early, may = premature(rr_ms, linked)
-    left_out = _round(early, linked)
+    early = premature(rr_ms, linked)
+    left_out = either_side(early, linked)
     chained = linked & ~left_out
     chained[1:] &= ~left_out[:-1]
-    return Irregular(left_out | paused(rr_ms, chained), int(early.sum()), _round(may, linked))
+    return Irregular(left_out | paused(rr_ms, chained), int(early.sum()))
