@@ -44,7 +44,7 @@ class Shell:
         self._service, self._store, self._coordinator = service, store, coordinator
         self._trouble = ""
         self._latest, self._is_mute = coordinator.session, True
-        self._begun_s = self._alone_at_s = self._ticked_s = self._looked_s = time.monotonic()
+        self._unheard_at_s = self._alone_at_s = self._ticked_s = self._looked_s = time.monotonic()
         self._woke_s = -WAKES_S
         self._watch, self._recorders, self._services = StreamWatch(service), Heartbeats(), Beats()
         self._people = service.watch([f"{ROOT}/*/*/*/*"], lambda topic: None)
@@ -130,9 +130,11 @@ class Shell:
     def _say(self) -> None:
         """Publish the latest state; of one who has just begun and conducts nothing, once no other one is there.
 
-        Services would take that for the end of the other one's session.
+        Services would take that for the end of the other one's session. Who hears it is found as slowly as that one.
         """
-        knows_graph = time.monotonic() - self._begun_s > DISCOVERY_S
+        if not self._sessions.get_subscription_count():
+            self._unheard_at_s = time.monotonic()
+        knows_graph = time.monotonic() - self._unheard_at_s > DISCOVERY_S
         if self._latest.phase in ACTIVE or (knows_graph and not self._has_rival()):
             self._is_mute = False
         if not self._is_mute:
