@@ -13,6 +13,7 @@ import pytest
 from driver_lsl.config import LslConfig
 from driver_lsl.device import LslDevice
 from lsl_session import SESSION
+from processes import poll
 from sense4hri import lsl, lsl_inlets
 from sense4hri.device import ClockMeasurement, Declared, Marked, Samples
 from sense4hri.errors import DeviceLost
@@ -147,12 +148,24 @@ def test_our_own_echoes_do_not_hide_how_many_streams_fit(times):
     del outlets
 
 
-def test_what_a_program_sends_before_it_ends_is_taken():
-    """It sends its last values and says so, and closes a moment later: all of it is there before the loss is."""
+def test_what_a_program_sends_before_it_ends_is_taken(monkeypatch):
+    """It sends its last values and says so, and closes once they are across: all of it is there before the loss is."""
     outlets = [
         pylsl.StreamOutlet(pylsl.StreamInfo("Ends", *kind))
         for kind in (("ECG", 1, 100, pylsl.cf_float32, "ends-1"), ("Markers", 1, 0, pylsl.cf_string, "ends-2"))
     ]
+    across, pulled = [], lsl_inlets._pulled
+
+    def noted(number, inlet):
+        for news in pulled(number, inlet):
+            across.append(news)
+            yield news
+
+    monkeypatch.setattr(lsl_inlets, "_pulled", noted)
+
+    def all_across():
+        samples = sum(len(news.samples) for news in across if isinstance(news, lsl_inlets.Pulled))
+        return samples == 50 and any(isinstance(news, lsl_inlets.Told) for news in across)
 
     def send(numbers):
         for number in numbers:
@@ -161,7 +174,7 @@ def test_what_a_program_sends_before_it_ends_is_taken():
     def end():
         send(range(1, 50))
         outlets[1].push_sample(["end"])
-        time.sleep(0.2)
+        poll(all_across, "what was sent is taken from the inlets")
         outlets.clear()
 
     async def listen(items):
