@@ -9,6 +9,7 @@ import pytest
 from builtin_interfaces.msg import Time
 from ears import Ears
 from processes import poll
+from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -177,6 +178,29 @@ def test_who_asks_is_answered_however_slow_the_messages_are(spun, opened):
     spun.thread.start()
     poll(lambda: taken_before, lambda: f"the task has its turn: {spun.failures}")
     assert taken_before[0] < MOST_AT_ONCE / 2
+
+
+def test_samples_do_not_overtake_an_announcement(spun, opened):
+    """What comes during a turn full of samples is taken within 50 ms of them: 1 s of a session replayed at 20x."""
+    taken, announced = [], []
+    speaker = opened(Ears("speaker")).node
+    samples, news = (speaker.create_publisher(String, f"/{name}", 500) for name in ("samples", "news"))
+
+    def sample(message: String, info: object) -> None:
+        if not taken:
+            news.publish(String())
+            poll(lambda: news.wait_for_all_acked(Duration(seconds=0)), "it has come")
+        taken.append(message.data)
+        time.sleep(0.002)
+
+    spun.node.create_subscription(String, "/samples", sample, 500)
+    spun.node.create_subscription(String, "/news", lambda message, info: announced.append(len(taken)), 1)
+    poll(lambda: samples.get_subscription_count() and news.get_subscription_count(), "they know each other")
+    for number in range(MOST_AT_ONCE):
+        samples.publish(String(data=str(number)))
+    spun.thread.start()
+    poll(lambda: announced, lambda: f"it is taken: {spun.failures}")
+    assert announced[0] * 0.002 < 0.05
 
 
 def test_a_timer_is_no_silent_trap(spun):

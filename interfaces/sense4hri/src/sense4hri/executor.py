@@ -28,9 +28,10 @@ SHARE, PAUSE_S, LONGEST_PAUSE_S = 0.03, 0.004, 0.025
 """After a turn it rests, and what comes meanwhile is taken together in the next one; see `Pace`."""
 SELDOM_S = 0.05
 """It does not rest after a turn that was waited for so long: little comes."""
-MOST_AT_ONCE, TURN_S = 50, 0.1
-"""A turn takes at most so many messages of a topic, and ends after so long: on a machine that is too busy others, and
-who asks whether the thread still turns, get their turn all the same."""
+MOST_AT_ONCE, TURN_S = 50, 0.02
+"""A turn takes at most so many messages of a topic, and ends after so long: who asks whether the thread still turns is
+answered on a machine that is too busy too, and what begins to come meanwhile waits for no longer. A session is
+announced 1 s before it begins, which is 50 ms where it is replayed at 20x: samples must not overtake that."""
 EVENTS_S = 1.0
 """How often the middleware's events are looked at: a publisher's or subscriber's quality of service does not fit."""
 SECOND_NS = 1_000_000_000
