@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -137,6 +138,29 @@ def test_a_label_of_the_axis_is_never_cut_off(
     said = new_page(lab.address).evaluate(LABELS, [low, high])
     assert said[0][0] == lowest
     assert all(width <= room for _, width, room in said), said
+
+
+TICKS = """async ([seconds, width, live]) => {
+    const { Lanes } = await import("/js/lanes.js"), c = document.createElement("canvas").getContext("2d"), said = [];
+    c.fillText = (label, x) => {
+        const wide = c.measureText(label).width, left = c.textAlign === "center" ? x - wide / 2 : x;
+        said.push([label, left, left + wide]);
+    };
+    const pen = { width, ratio: 1, perMs: width / seconds / 1000, right: 0, colours: { font: "sans-serif" } };
+    Lanes.prototype.drawTicks.call({ live }, pen, c, 0, seconds);
+    return said;
+}"""
+
+
+@pytest.mark.parametrize("live", [True, False])
+@pytest.mark.parametrize("seconds", [5, 10, 30])
+def test_labels_of_the_time_axis_do_not_touch(lab: Lab, new_page: OpenPage, seconds: int, live: bool) -> None:
+    """However narrow the column: numbers that touch are read as another."""
+    page = new_page(lab.address)
+    for width in range(120, 1300, 20):
+        said = page.evaluate(TICKS, [seconds, width, live])
+        assert said[-1][0] == f"−{seconds} s"
+        assert all(right + 4 <= left for (_, left, _), (_, _, right) in pairwise(said)), (width, said)
 
 
 class Dead(Lab):

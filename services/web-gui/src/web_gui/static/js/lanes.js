@@ -9,6 +9,7 @@ import { pens } from "./theme.js";
 const MOST_LANES = 200; // in sight at once
 const COLUMNS = [1, 2, 4]; // of participants beside each other
 const KEPT = { false: "sense4hri-columns", true: "sense4hri-columns-compact" }; // by whether lanes are compact
+const STEPS_S = [1, 2, 2.5, 5, 10, 15], LABEL_PX = 60; // between ticks of the time axis; less room and their labels touch
 const SLOW = 0.02; // share by which the page's idea of now follows the server's
 
 export class Lanes {
@@ -235,18 +236,19 @@ export class Lanes {
     context.setTransform(1, 0, 0, 1, 0, 0);
     context.clearRect(0, 0, width, height);
     context.textBaseline = "alphabetic";
-    const seconds = this.windowMs / 1000, wanted = seconds <= 5 ? 1 : seconds <= 10 ? 2 : 5;
-    const step = wanted * 1000 * pen.perMs < 46 * pen.ratio ? 2.5 * wanted : wanted; // labels need room
+    const seconds = this.windowMs / 1000;
     for (const left of this.lefts()) {
       const shift = Math.round((left - box.left) * pen.ratio);
-      this.drawTicks(pen, context, shift, seconds, step);
+      this.drawTicks(pen, context, shift, seconds);
       this.drawFlags(pen, context, shift, height);
     }
     const said = this.live ? `the last ${seconds} s up to now` : `${seconds} s up to ${timeOfDay(pen.right)}`;
     attribute(axis, "aria-label", `Time axis: ${said}`);
   }
 
-  drawTicks(pen, context, shift, seconds, step) {
+  drawTicks(pen, context, shift, seconds) {
+    const fits = (/** @type {number} */ step) => seconds % step === 0 && step >= seconds / 6 && step * 1000 * pen.perMs >= LABEL_PX * pen.ratio;
+    const step = STEPS_S.find(fits) ?? seconds;
     context.font = `${Math.round(11 * pen.ratio)}px ${pen.colours.font}`;
     context.fillStyle = context.strokeStyle = pen.colours.muted;
     for (let back = 0; back <= seconds; back += step) {
