@@ -3,6 +3,7 @@
 import json
 import os
 import re
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,6 +24,8 @@ TAKING = [
 STRANGER = Path(__file__).resolve().parent / "stranger.py"
 TAKING_RAW = ("recorder", "interpreter_ecg", "interpreter_respiration", "clock_sync", "bridge_lsl")
 SAID_WITHIN_S = 60.0
+FIRST_PART = 4
+"""Of as many parts: what the services remember of strangers in general is full after it."""
 
 
 class Outcome(NamedTuple):
@@ -33,7 +36,8 @@ class Outcome(NamedTuple):
     the stranger sent to the healthy stream's topic, as recorder.json says it: on the way, and before the recorder was
     known to who published it. silent: messages of either that are neither recorded nor told. sent: by the stranger.
     uncounted: what the ECG interpreter did not count of the refused on the healthy stream. unnamed: services whose log
-    does not name the stranger's node.
+    does not name the stranger's node. resident_mib: memory of each service after the first part of it all, and at the
+    end.
     """
 
     dead: list[str]
@@ -47,6 +51,7 @@ class Outcome(NamedTuple):
     sent: int
     uncounted: int
     unnamed: list[str]
+    resident_mib: dict[str, tuple[float, float]]
 
 
 def fuzz(
@@ -66,16 +71,15 @@ def fuzz(
         process.port()
     driver.until_heard(by=TAKING_RAW)
     _play(driver)
-    stranger = start(str(STRANGER), str(count), "1", HEALTHY.topic("raw"))
-    while "done" not in stranger.log():
-        assert stranger.child.poll() is None, stranger.log()
-        _play(driver)
-    _play(driver)
-    sent = {topic: int(number) for number, topic in re.findall(r"sent (\d+) to (\S+)", stranger.log())}
+    first = count // FIRST_PART
+    sent = _visited(start, driver, first, seed=2)
+    before_mib = _resident_mib(running)
+    sent += _visited(start, driver, count - first, seed=1)
     counted = lambda: _refused(running["interpreter_ecg"], "PhysioRaw")  # noqa: E731
     dead = [name for name, process in running.items() if process.child.poll() is not None or not _alive(process)]
     if not dead:
         driver.until(lambda: counted() >= sent[HEALTHY.topic("raw")], lambda: f"{counted()} of {sent}", SAID_WITHIN_S)
+    after_mib = _resident_mib(running)
     logs = {name: process.log() for name, process in running.items()}
     if running["recorder"].child.poll() is None:
         running["recorder"].stop()
@@ -96,7 +100,29 @@ def fuzz(
         sum(sent.values()),
         0 if dead else max(0, sent[HEALTHY.topic("raw")] - counted()),
         [name for name in SERVICES if name != "recorder" and not re.search(r"refused from .*/stranger", logs[name])],
+        {name: (before_mib[name], after_mib[name]) for name in after_mib},
     )
+
+
+def _visited(start: Callable[..., Process], driver: ThirdPartyDriver, count: int, seed: int) -> Counter[str]:
+    """Have a stranger send count things while the healthy stream plays; return how many it sent to each topic."""
+    stranger = start(str(STRANGER), str(count), str(seed), HEALTHY.topic("raw"))
+    while "done" not in stranger.log():
+        assert stranger.child.poll() is None, stranger.log()
+        _play(driver)
+    _play(driver)
+    return Counter({topic: int(number) for number, topic in re.findall(r"sent (\d+) to (\S+)", stranger.log())})
+
+
+def _resident_mib(running: dict[str, Process]) -> dict[str, float]:
+    """Return the memory of every service that still runs, as it tells it."""
+    alive = {name: process for name, process in running.items() if process.child.poll() is None}
+    return {name: _told(process, "process_resident_memory_bytes") / (1 << 20) for name, process in alive.items()}
+
+
+def _told(process: Process, metric: str) -> float:
+    found = re.search(rf"^{re.escape(metric)} (\S+)$", process.get("/metrics")[1], re.M)
+    return float(found[1]) if found else 0.0
 
 
 def _play(driver: ThirdPartyDriver) -> None:
