@@ -80,10 +80,12 @@ images: ## the base image and one image per service
 
 up: $(if $(HOST),env) images ## start a study in containers: STUDY=demo, polar or a file; TLS=name: over HTTPS; HOST=lab-a: its part; with .venv there (make env; HOST= makes it) it is checked first
 	@if [ -x $(RUN) ]; then $(RUN) compose/check_study.py --as containers --study $(call quoted,$(STUDY)) --host $(call quoted,$(HOST)); else echo "not checked: make env"; fi
-	@tokens="$$($(TOKENS) --compose)" && $(PART) $(COMPOSE) $(HTTPS) -f "$$tokens" $(OF_HOST) up --detach
+	@tokens="$$($(TOKENS) --compose --host $(call quoted,$(HOST)))" && $(PART) $(COMPOSE) $(HTTPS) -f "$$tokens" $(OF_HOST) up --detach
 	@$(COMPOSE) $(HTTPS) ps
-	@echo "the page, for whoever may operate: $$($(TOKENS) --link "$(PAGE)")"
-	@echo "          for whoever may look on: $$($(TOKENS) view --link "$(PAGE)")"
+	@if $(COMPOSE) $(HTTPS) ps --services | grep -qx web-gui; then \
+		echo "the page, for whoever may operate: $$($(TOKENS) --link "$(PAGE)")"; \
+		echo "          for whoever may look on: $$($(TOKENS) view --link "$(PAGE)")"; \
+	else echo "no page runs on this machine"; fi
 
 down: ## stop it
 	$(COMPOSE) $(HTTPS) down --remove-orphans

@@ -26,7 +26,7 @@ debian_from_packages() {
     [ "$(id -u)" = 0 ] || { echo "debootstrap needs root: run make images once as root"; return 1; }
     timeout 600 debootstrap --variant=minbase bookworm "$scratch/debian" ${mirror:+"$mirror"} || return 1
     rm -rf "$scratch"/debian/var/cache/apt/archives/*.deb "$scratch"/debian/var/lib/apt/lists/*
-    tar -C "$scratch/debian" -c . | $docker import - "$debian"
+    tar -C "$scratch/debian" -c . | $docker import - "$debian" || return 1
     rm -rf "$scratch/debian"
 }
 

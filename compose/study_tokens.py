@@ -3,7 +3,8 @@
 
     compose/study_tokens.py STUDY              prints the token to operate; `STUDY view`: the one to view
     compose/study_tokens.py STUDY --link PAGE  prints the page's address with it in the fragment, which is sent nowhere
-    compose/study_tokens.py STUDY --compose    prints the path of a compose file that hands them to the services
+    compose/study_tokens.py STUDY --compose    prints the path of a compose file that hands them to the services;
+                                               --host: which machine this is, of a study on several
 
 They lie in compose/.tokens/STUDY/operate and .../view, in a folder that its owner alone may enter (mode 700) and git
 does not see; studies of one file name share them. Who loses one, or wants another one: remove the folder, `make up`
@@ -45,24 +46,32 @@ def _make(file: Path) -> None:
     new.replace(file)
 
 
-def overlay(study: Path, own: Path) -> Path:
-    """Write, beside the tokens, the compose file that hands them to every service of the study that has HTTP."""
+def overlay(names: list[str], own: Path) -> Path:
+    """Write, beside the tokens, the compose file that hands them to these services: those that have HTTP."""
     named = {f"SENSE4HRI_{role.upper()}_TOKEN_FILE": f"{INSIDE}/{role}" for role in ROLES}
     entry = {"environment": named, "secrets": list(ROLES)}
     file = own / "compose.json"
-    services = {name: entry for name in with_http(study)}
+    services = {name: entry for name in names}
     content = {"services": services, "secrets": {role: {"file": str(own / role)} for role in ROLES}}
     file.write_text(json.dumps(content, indent=1))
     return file
 
 
-def with_http(study: Path) -> list[str]:
-    """Return the study's services that are the kit's: those with a ROS domain. Asks Docker Compose; SystemExit."""
+def with_http(study: Path, host: str = "") -> list[str]:
+    """Return the study's services that are the kit's: those with a ROS domain. Asks Docker Compose; SystemExit.
+
+    host: which machine this is. Without it no study on several is taken, for it would be started whole on one.
+    """
     command = [str(HERE / "docker.sh"), "compose", "-f", str(study), "--profile", "*", "config", "--format", "json"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise SystemExit(f"{study} is not read by docker compose: {done.stderr.strip()}")
-    services = json.loads(done.stdout)["services"]
+    content = json.loads(done.stdout)
+    about = content.get("x-study")
+    if not host and isinstance(about, dict) and about.get("hosts"):
+        told = f"HOST must say which of its machines this is; it names {', '.join(about['hosts'])}"
+        raise SystemExit(f"{study}: x-study.hosts: {told}")
+    services = content["services"]
     return sorted(name for name, keys in services.items() if "ROS_DOMAIN_ID" in (keys.get("environment") or {}))
 
 
@@ -82,14 +91,15 @@ def main() -> int:
     asked = parser.add_mutually_exclusive_group()
     asked.add_argument("--link", metavar="PAGE", help="print the page's address with the token, to be clicked")
     asked.add_argument("--compose", action="store_true", help="print the compose file that hands them to the services")
+    parser.add_argument("--host", default="", help="which machine this is, of a study on several")
     parser.add_argument("--kept", type=Path, default=KEPT, metavar="FOLDER", help="where they lie (%(default)s)")
     options = parser.parse_args()
     os.umask(0o022)
-    study = file_of(options.study) if options.compose else None
+    names = with_http(file_of(options.study), options.host) if options.compose else None
     try:
         own = folder(options.study, options.kept)
         token = (own / options.role).read_text().strip()
-        told = overlay(study, own) if study else f"{options.link}/#token={token}" if options.link else token
+        told = overlay(names, own) if names is not None else f"{options.link}/#token={token}" if options.link else token
     except OSError as error:
         whose = "if another user of this machine has made them, that user removes the folder"
         raise SystemExit(f"the tokens in {options.kept} cannot be used: {error.strerror}; {whose}") from error

@@ -34,6 +34,11 @@ CORES = re.compile(r"\d+(\.\d+)?")
 MEBIBYTES = {"": 2**-20, "b": 2**-20, "k": 2**-10, "m": 1, "g": 2**10}
 NAME = re.compile(r"[a-z]([a-z0-9-]{0,48}[a-z0-9])?")
 """Of what a cluster has for a service or a volume, whose own names add some signs to it."""
+TAKEN = {
+    "services": re.compile(r"graph|kustomization|metrics|namespaces|policies|volumes"),
+    "volumes": re.compile(r"scraping|tokens|(machine|tmp)-.*"),
+}
+"""Of the same form, and names of what is written beside the services, or of what pods have beside a study's volumes."""
 TARGET = re.compile(r"(?P<first>\d+)(?:-(?P<last>\d+))?(?:/(?P<protocol>\w+))?")
 OF_THE_NETWORK = ("driver_lsl", "driver_pupil_labs", "bridge_lsl")
 """Packages whose devices and listeners are on the network, at ports that no Service and no policy here has."""
@@ -101,9 +106,12 @@ def pods(study: Study) -> Iterator[tuple[Service, list[Service]]]:
     for service in study.services:
         where = f"{study.file}: services.{service.name}"
         for named in (f"services.{service.name}", *(f"volumes.{name}" for name in sorted(volumes(service)))):
-            if not NAME.fullmatch(named.partition(".")[2]):
+            kind, _, name = named.partition(".")
+            if not NAME.fullmatch(name):
                 text = "must be small letters, digits and - in a cluster, a letter first, 50 at most"
                 raise StudyError(f"{study.file}: {named}: {text}")
+            if TAKEN[kind].fullmatch(name):
+                raise StudyError(f"{study.file}: {named}: the manifests have {name} of their own; choose another name")
         if is_of_the_network(service):
             text = "no pod reaches a device on the network, beside the ROS graph; see k8s/README.md"
             raise StudyError(f"{where}.command: {text}")
@@ -205,7 +213,7 @@ def _container(names: Names, service: Service) -> dict[str, Any]:
         "name": service.name,
         "image": names.image(service.image),
         "imagePullPolicy": "IfNotPresent",
-        **({"args": [word.replace("$(", "$$(") for word in service.command]} if service.command else {}),
+        **({"args": [_literal(word) for word in service.command]} if service.command else {}),
         **({"workingDir": service.folder} if service.folder else {}),
         **_environment(service),
         **({"ports": _container_ports(names, service)} if _ports(names, service) else {}),
@@ -222,9 +230,18 @@ def _container(names: Names, service: Service) -> dict[str, Any]:
     }
 
 
+def _literal(word: str) -> str:
+    """A cluster puts a variable in place of $(NAME), and one $ in that of two; Compose has done so already."""
+    return word.replace("$", "$$")
+
+
 def _environment(service: Service) -> dict[str, Any]:
     configured = CONFIGURED if is_ros(service) else ()
-    own = [{"name": name, "value": value} for name, value in service.environment.items() if name not in configured]
+    own = [
+        {"name": name, "value": _literal(value)}
+        for name, value in service.environment.items()
+        if name not in configured
+    ]
     if not is_ros(service):
         return {"env": own} if own else {}
     tokens = [{"name": f"SENSE4HRI_{role.upper()}_TOKEN_FILE", "value": f"{TOKENS}/{role}"} for role in ROLES]

@@ -6,7 +6,10 @@ used=$folder/alertmanager.yml
 case "${ALERT_WEBHOOK:-}" in
     "") cp "$given" "$used" ;;
     http://*[\"\|\ ]* | https://*[\"\|\ ]*) echo "ALERT_WEBHOOK must be an address without quotes, bars and spaces" >&2; exit 78 ;;
-    http://* | https://*) sed -e "s|http://alert-webhook.invalid/|$ALERT_WEBHOOK|" -e "s|receiver: nobody.*|receiver: webhook|" "$given" > "$used" ;;
+    http://* | https://*)
+        address=$(printf %s "$ALERT_WEBHOOK" | sed 's/[\\&]/\\&/g') # as it is: sed has a meaning for both signs
+        sed -e "s|http://alert-webhook.invalid/|$address|" -e "s|receiver: nobody.*|receiver: webhook|" "$given" > "$used"
+        ;;
     *) echo "ALERT_WEBHOOK must begin with http:// or https://" >&2; exit 78 ;;
 esac
 exec prometheus-alertmanager --config.file="$used" --storage.path="$folder" --cluster.listen-address= \

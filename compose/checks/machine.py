@@ -28,6 +28,8 @@ PORTS = range(1, 65536)
 GUI_PORT, PORTS_TRIED = 8080, 50
 """Of the page, where none is asked for: the first that is free of so many."""
 BUS = "unix:path="
+NO_BOARDS = ("SYNTHETIC", "PLAYBACK_FILE", "STREAMING")
+"""What BrainFlow has beside those that exist."""
 
 
 def findings(study: Study, places: Places) -> Iterator[Finding]:
@@ -173,16 +175,22 @@ def _bluetooth(study: Study, places: Places) -> Iterator[Finding]:
     asked: dict[str, list[Service]] = {}
     for service in study.processes:
         address = service.process(Path("/nowhere")).env.get("DBUS_SYSTEM_BUS_ADDRESS", "")
-        if service.sensor_id and address.startswith(BUS) and not address.startswith(f"{BUS}/nowhere"):
+        here = address.startswith(BUS) and not address.startswith(f"{BUS}/nowhere")
+        if service.sensor_id and here and not _without_radio(service):
             asked.setdefault(address, []).append(service)
     for address, services in asked.items():
         found, wrong = adapters(address)
         for service in services:
             wanted = str(service.parameters.get("adapter", ""))
-            if not wrong and wanted and wanted not in found:
-                wrong = f"adapter {wanted} is not among {', '.join(found)}"
-            if wrong:
-                yield places.warning(f"services.{service.name}.command", wrong, "adapter:=")
+            missing = f"adapter {wanted} is not among {', '.join(found)}" if wanted and wanted not in found else ""
+            if wrong or missing:
+                yield places.warning(f"services.{service.name}.command", wrong or missing, "adapter:=")
+
+
+def _without_radio(service: Service) -> bool:
+    """True for a board of BrainFlow's that is on a wire, on the network or none at all."""
+    elsewhere = any(service.parameters.get(link) for link in ("serial_port", "ip_address"))
+    return elsewhere or service.parameters.get("board") in NO_BOARDS
 
 
 def _no_bus(study: Study, places: Places) -> Iterator[Finding]:

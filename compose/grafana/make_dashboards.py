@@ -163,7 +163,7 @@ TITLES = {
     "study": "Sense4HRI: study",
     "stream": "Sense4HRI: one stream",
     "clocks": "Sense4HRI: clocks",
-    "services": "Sense4HRI: services and hosts",
+    "services": "Sense4HRI: services",
 }
 
 

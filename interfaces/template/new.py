@@ -7,7 +7,8 @@ Classic), ble (Bluetooth LE) or lsl (Lab Streaming Layer), each by the kit, or b
 written.
 """
 
-import importlib
+import importlib.util
+import keyword
 import re
 import sys
 from pathlib import Path
@@ -101,8 +102,9 @@ def words_of(kind: str, short: str, link: str = "") -> dict[str, str]:
         raise ValueError(f"{kind!r} is no kind of service, must be one of {', '.join(KINDS)}")
     if kind == "driver" and link not in LINKS:
         raise ValueError(f"KIND is {link!r}, must be one of {', '.join(LINKS)}")
-    if not re.fullmatch(r"[a-z][a-z0-9]*([-_][a-z0-9]+)*", short):
-        raise ValueError(f"NAME is {short!r}, must be small letters, digits and single '-', as in my-sensor")
+    if not re.fullmatch(r"(?=.{,40}$)[a-z][a-z0-9]*([-_][a-z0-9]+)*", short):
+        form = "small letters, digits and single '-', as in my-sensor, 40 at most"
+        raise ValueError(f"NAME is {short!r}, must be {form}")
     if kind != "service" and re.match(rf"{kind}[-_]", short):
         raise ValueError(f"NAME is {short!r}, must go without {kind}-: the service is called {kind}-NAME")
     sensor_type = short.replace("-", "_")
@@ -131,6 +133,8 @@ def write(kind: str, short: str, link: str = "") -> Path:
     folder = ROOT / "services" / words["name"]
     if folder.exists():
         raise ValueError(f"services/{words['name']} is there already")
+    if kind == "service" and (taken := _taken(words["package"])):
+        raise ValueError(f"NAME is {short!r}, must be another: {taken}")
     study = ROOT / "compose" / "studies" / f"{words['short_name']}.yaml"
     if kind == "driver" and study.exists():
         raise ValueError(f"NAME is {short!r}, must be another: its study is there already, {study.relative_to(ROOT)}")
@@ -153,6 +157,13 @@ def write(kind: str, short: str, link: str = "") -> Path:
     for path, text in generate.devices.files(ROOT).items():  # it reads what was just written
         put(path, text)
     return folder
+
+
+def _taken(package: str) -> str:
+    """Return why no package of ours can be called so, "" where one can."""
+    if keyword.iskeyword(package):
+        return f"{package} is a word of Python"
+    return f"Python has a package {package} already" if importlib.util.find_spec(package) else ""
 
 
 def sources(kind: str, link: str) -> list[Path]:

@@ -138,6 +138,10 @@ def as_one(tree: Path) -> Path:
         (("driver", "demo", "serial"), "compose/studies/demo.yaml"),
         (("driver", "driver-acme", "serial"), "without driver-"),
         (("interpreter", "interpreter-ecg"), "without interpreter-"),
+        (("service", "json"), "Python has a package json already"),
+        (("service", "sense4hri-msgs"), "Python has a package sense4hri_msgs already"),
+        (("service", "lambda"), "a word of Python"),
+        (("driver", "x" * 41, "ble"), "40 at most"),
     ],
 )
 def test_what_cannot_be_is_named(tree, words, named):

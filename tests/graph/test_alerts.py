@@ -11,6 +11,7 @@ from typing import Any
 
 import monitoring
 import pytest
+import yaml
 from monitoring import CONFIG, ROOT, Monitoring
 from processes import poll
 
@@ -120,3 +121,19 @@ def test_a_wrong_webhook_is_named_at_the_start(tmp_path, address):
     done = subprocess.run([START], env=os.environ | given, capture_output=True, text=True, check=False)
     assert done.returncode == 78
     assert done.stderr.startswith("ALERT_WEBHOOK must ")
+
+
+def test_the_webhook_is_asked_at_the_address_as_it_was_given(tmp_path):
+    """Signs that mean something to sed, as the & between two parameters, are part of the address."""
+    address = "https://lab.example.org/hook?study=pilot&token=a\\1b"
+    (tmp_path / "prometheus-alertmanager").write_text("#!/bin/sh\n")
+    (tmp_path / "prometheus-alertmanager").chmod(0o755)
+    given = {
+        "ALERT_WEBHOOK": address,
+        "ALERTMANAGER_CONFIG": str(CONFIG / "alertmanager.yml"),
+        "ALERTMANAGER_FOLDER": str(tmp_path),
+        "PATH": f"{tmp_path}:{os.environ['PATH']}",
+    }
+    subprocess.run([START], env=given, check=True)
+    receivers = yaml.safe_load((tmp_path / "alertmanager.yml").read_text())["receivers"]
+    assert [hook["url"] for one in receivers for hook in one.get("webhook_configs", ())] == [address]

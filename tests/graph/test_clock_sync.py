@@ -14,6 +14,7 @@ from processes import DEADLINE_S, Process, poll
 from rclpy.duration import Duration
 from sense4hri import qos, stamps
 from sense4hri.clock_model import ros_ns
+from sense4hri.metrics import Metrics
 from sense4hri.names import StreamName
 from sense4hri_msgs.msg import (
     ClockMeasurement,
@@ -261,6 +262,26 @@ def test_of_devices_that_come_and_go_for_ever_the_newest_are_remembered():
     sync._find(back)
     sync._remove(back)
     assert list(sync._devices)[-1] == back.sensor_id
+
+
+def test_no_alert_judges_the_clock_of_a_device_that_has_gone():
+    """What is not known is NaN; it is known again when the device is back."""
+    service, name = MagicMock(config=Config(), metrics=Metrics("clock_sync")), StreamName("p1", "ecg", "h10_1")
+    service.start.side_effect = lambda work: work.close()
+    sync = ClockSync(service, MagicMock())
+
+    def shown() -> set[str]:
+        lines = service.metrics.text().decode().splitlines()
+        return {line for line in lines if line.startswith(("sense4hri_clock_state", "sense4hri_clock_latency"))}
+
+    sync._find(name)
+    sync._take(sync._devices["h10_1"], "ecg", SECOND, links.EPOCH_NS)
+    known = shown()
+    assert 'sense4hri_clock_state{sensor_id="h10_1",service="clock_sync"} 0.0' in known
+    sync._remove(name)
+    assert {line.rpartition(" ")[2] for line in shown()} == {"NaN"}
+    sync._find(name)
+    assert shown() == known
 
 
 def test_a_session_waits_for_the_streams_that_it_requires(driver, service):

@@ -567,6 +567,34 @@ def test_no_bus_means_no_bluetooth(tmp_path):
     assert "no Bluetooth is reached" in wrong
 
 
+def _about_bluetooth(tmp_path: Path, *commands: str) -> list[str]:
+    """What is said of Bluetooth where these sensors, 1 on, are beside the study's own, which is virtual."""
+    driver = "    extends: {{file: {house}, service: driver-{kind}}}\n    command: {command}\n"
+    entries = ""
+    for number, command in enumerate(commands, 1):
+        kind = command.partition(" --ros-args")[0].removeprefix("python -m driver_")
+        entries += f"  s-{number}:\n" + driver.format(house=HOUSE, kind=kind, command=command)
+    told = found(tmp_path, RIGHT.replace("services:\n", f"services:\n{entries}", 1))
+    return [each.text for each in told if "adapter " in each.text or "Bluetooth" in each.text]
+
+
+def test_an_adapter_that_is_missing_is_told_of_the_sensor_that_asks_for_it(tmp_path, monkeypatch):
+    """Not of those after it, which take any."""
+    monkeypatch.setattr(machine, "adapters", lambda address: (["hci0"], ""))
+    polar = "python -m driver_polar --ros-args -p sensor_id:=s_{0} -p human_id:=p1 -p model:=H10 -p name:=H10_{0}"
+    told = _about_bluetooth(tmp_path, f"{polar.format(1)} -p adapter:=hci5", polar.format(2))
+    assert told == ["services.s-1.command: adapter hci5 is not among hci0"]
+
+
+@pytest.mark.parametrize("link", ["serial_port:=/dev/ttyUSB0", "ip_address:=192.168.4.1", "board:=SYNTHETIC"])
+def test_of_a_board_that_has_no_radio_no_bluetooth_is_asked(tmp_path, monkeypatch, link):
+    """BrainFlow's driver has boards of every kind; one with its link elsewhere does not wait for an adapter."""
+    monkeypatch.setattr(machine, "adapters", lambda address: ([], "no D-Bus answers, so no Bluetooth is reached"))
+    board = "python -m driver_brainflow --ros-args -p sensor_id:=s_{} -p human_id:=p1 -p board:={} -p {}"
+    told = _about_bluetooth(tmp_path, board.format(1, "CYTON", link), board.format(2, "MUSE_2", "mac_address:=A"))
+    assert told == ["services.s-2.command: no D-Bus answers, so no Bluetooth is reached"]
+
+
 BLUEZ = """
 import asyncio, sys
 from dbus_fast.aio import MessageBus

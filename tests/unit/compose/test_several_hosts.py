@@ -92,6 +92,7 @@ def test_containers_of_a_machine_are_not_begun_without_what_knows_its_part() -> 
     """`make up HOST=`: what works the part out, and refuses another machine's name, is made before the images."""
     command = ["make", "-n", "up", "HOST=lab-d"]
     told = subprocess.run(command, cwd=Path(__file__).parents[3], capture_output=True, text=True, check=True).stdout
-    words = ["environment.py", "images.sh", "check_study.py", "host_override.py", "up --detach"]
+    asked = ["--compose --host 'lab-d'", "host_override.py"]
+    words = ["environment.py", "images.sh", "check_study.py", *asked, "up --detach"]
     assert [told.find(word) for word in words] == sorted(told.find(word) for word in words)
     assert "environment.py" in told

@@ -55,7 +55,7 @@ def test_the_kit_takes_them(tmp_path: Path) -> None:
 def test_every_service_with_http_gets_the_files_and_no_token_is_in_what_docker_shows(tmp_path: Path) -> None:
     """Compose takes both files together; tokens are in no environment, label or command, and others get none."""
     own = study_tokens.folder("demo", tmp_path / "tokens")
-    files = ["-f", str(DEMO), "-f", str(study_tokens.overlay(DEMO, own))]
+    files = ["-f", str(DEMO), "-f", str(study_tokens.overlay(study_tokens.with_http(DEMO), own))]
     done = subprocess.run([*COMPOSE, *files, "config", "--format", "json"], capture_output=True, text=True, check=True)
     assert not any((own / role).read_text().strip() in done.stdout for role in study_tokens.ROLES)
     services = json.loads(done.stdout)["services"]
@@ -75,6 +75,22 @@ def test_a_study_that_is_none_gets_no_tokens(tmp_path: Path) -> None:
     wrong = subprocess.run([*command, "--kept", str(kept)], capture_output=True, text=True, check=False)
     assert "there is no study file" in wrong.stderr
     assert not kept.exists()
+
+
+@pytest.mark.skipif(not has_compose(), reason="no docker compose on this machine")
+@pytest.mark.parametrize(("host", "status"), [("", 1), ("lab-b", 0)])
+def test_a_study_on_several_machines_is_not_started_whole_on_one(tmp_path: Path, host: str, status: int) -> None:
+    """`make up` without HOST says so also where no .venv is there to check it, and leaves nothing behind."""
+    study, kept = tmp_path / "two.yaml", tmp_path / "tokens"
+    hosts = "{lab-a: 192.168.1.10, lab-b: 192.168.1.11}"
+    study.write_text(
+        f"name: two\nx-study: {{name: two, hosts: {hosts}}}\nservices: {{recorder: {{image: recorder}}}}\n"
+    )
+    command = [sys.executable, str(ROOT / "compose" / "study_tokens.py"), str(study), "--compose", "--host", host]
+    done = subprocess.run([*command, "--kept", str(kept)], capture_output=True, text=True, check=False)
+    assert (done.returncode, kept.exists()) == (status, not status)
+    told = f"{study}: x-study.hosts: HOST must say which of its machines this is; it names lab-a, lab-b\n"
+    assert done.stderr == (told if status else "")
 
 
 @pytest.mark.skipif(not (ROOT / ".git").exists(), reason="no git checkout")

@@ -12,6 +12,7 @@ import yaml
 from study_file import StudyError
 
 ROOT = Path(__file__).resolve().parents[3]
+TAKEN = ("graph", "kustomization", "metrics", "namespaces", "policies", "volumes")
 HEAD = "x-study: {name: trial}\nservices:\n"
 
 
@@ -57,6 +58,9 @@ def test_requests_are_above_what_was_measured_and_limits_far_above():
         ("{image: x}\n  h10_1: {image: x}", "services.h10_1: must be small letters, digits and - in a cluster"),
         ("{image: x}\n  1-h10: {image: x}", "services.1-h10: must be small letters, digits and - in a cluster"),
         ("{image: x, volumes: ['my_data:/data']}", "volumes.my_data: must be small letters, digits and - in a cluster"),
+        *((f"{{image: x}}\n  {name}: {{image: x}}", f"services.{name}: the manifests have {name}") for name in TAKEN),
+        ("{image: x, volumes: ['tokens:/data']}", "volumes.tokens: the manifests have tokens of their own"),
+        ("{image: x, volumes: ['tmp-belt:/data']}", "volumes.tmp-belt: the manifests have tmp-belt of their own"),
     ],
 )
 def test_what_no_cluster_can_run_is_refused(tmp_path, service, sentence):
@@ -199,3 +203,11 @@ def test_a_study_whose_namespace_another_name_has_too_is_told(tmp_path, monkeypa
     render_study.main()
     said = "its namespace is sense4hri-pilot-1, as that of a study 'pilot-1': no cluster can have both"
     assert (said in capsys.readouterr().out) == told
+
+
+def test_a_value_that_looks_like_a_variable_of_a_cluster_stays_as_it_is(tmp_path):
+    """A cluster puts a variable in place of $(NAME) and one $ in that of two, in words and in values."""
+    given = "{image: x, command: [echo, $$(HOME)], environment: {NOTE: 'a $$$$ of $$(HOME)'}}"  # as Compose reads it
+    belt = container(tmp_path, given)
+    assert belt["args"] == ["echo", "$$(HOME)"]
+    assert belt["env"] == [{"name": "NOTE", "value": "a $$$$ of $$(HOME)"}]

@@ -45,7 +45,7 @@ def read(rule):
     """A rule of rules.yml as the page's table has it."""
     compared = re.search(r"(<|>|==) ([\d.]+)", rule["expr"])
     sign, bound = compared.groups() if compared else ("", "0")
-    counted = re.search(r"(?:increase|delta)\(\w+\[1m\]\)", rule["expr"])
+    counted = re.search(r"increase\(\w+\[1m\]\)", rule["expr"])
     severity = {"critical": "error", "warning": "warning"}[rule["labels"]["severity"]]
     for_s = {"1m": 60.0, "5s": 5.0, None: 0.0}[rule.get("for")]
     return Rule(rule["alert"], sign, float(bound), severity, for_s, 60.0 if counted else 0.0)

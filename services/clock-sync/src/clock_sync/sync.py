@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -30,6 +31,16 @@ WITHIN_S = 0.1
 SEGMENT_EVERY_S = 10.0  # a line of a device whose clock begins anew
 MOST_GONE = 1000  # devices that are remembered when they have gone, the newest
 OTHER_NS = stamps.SECOND_NS  # so far one stream of a device may come behind another
+
+SHOWN: tuple[tuple[str, str, Callable[[Model], float]], ...] = (
+    ("clock_offset_seconds", "ROS time minus device time at the newest sample.", lambda model: model.offset_ns * 1e-9),
+    ("clock_skew_ratio", "Rate of ROS time over the device's, minus 1.", lambda model: model.skew_ppm * 1e-6),
+    ("clock_uncertainty_seconds", "95 % half width of the offset.", lambda model: model.uncertainty_s),
+    ("clock_latency_seconds", "Mean delay of the newest packets.", lambda model: model.latency_s),
+    ("clock_state", "0 warm-up, 1 locked, 2 hold-over.", lambda model: float(model.state)),
+    ("clock_segment", "Number of the clock's epoch.", lambda model: model.segment),
+)
+"""Of each device: name of the metric, text, value."""
 
 
 def _started_anew(before: HostAccount | None, account: HostAccount) -> bool:
@@ -147,6 +158,7 @@ class ClockSync:
             self._waiting.remove(heir)
             self._find(heir)
         if not device.publishers:
+            self._show_nothing(device)
             self._forget_all_but_newest(device)
 
     def _forget_all_but_newest(self, gone: Device) -> None:
@@ -214,16 +226,14 @@ class ClockSync:
         self._show(device, model)
         return model
 
+    def _show_nothing(self, device: Device) -> None:
+        """No alert judges the clock of a device that has gone."""
+        for name, text, _ in SHOWN if device.state is not None else ():
+            self._service.metrics.gauge(name, text, sensor_id=device.sensor_id).set(math.nan)
+
     def _show(self, device: Device, model: Model) -> None:
-        gauge, label = self._service.metrics.gauge, {"sensor_id": device.sensor_id}
-        gauge("clock_offset_seconds", "ROS time minus device time at the newest sample.", **label).set(
-            model.offset_ns * 1e-9
-        )
-        gauge("clock_skew_ratio", "Rate of ROS time over the device's, minus 1.", **label).set(model.skew_ppm * 1e-6)
-        gauge("clock_uncertainty_seconds", "95 % half width of the offset.", **label).set(model.uncertainty_s)
-        gauge("clock_latency_seconds", "Mean delay of the newest packets.", **label).set(model.latency_s)
-        gauge("clock_state", "0 warm-up, 1 locked, 2 hold-over.", **label).set(int(model.state))
-        gauge("clock_segment", "Number of the clock's epoch.", **label).set(model.segment)
+        for name, text, of in SHOWN:
+            self._service.metrics.gauge(name, text, sensor_id=device.sensor_id).set(of(model))
         late = model.latency_s > self._config.latency_alarm_s
         if late and not device.late:
             self._service.log.warning(f"{device.sensor_id}: its data are {model.latency_s:.1f} s late")
