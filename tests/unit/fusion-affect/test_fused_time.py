@@ -103,6 +103,53 @@ def test_clock_model_of_another_epoch_is_not_used() -> None:
     assert corrected_ns(at(0), at(5), None) == at(5)
 
 
+def named(heard_s: float, stamp_ns: int) -> list[str]:
+    """Whom p1 is taken for at each second of 10, where anna takes the place of berta in the middle."""
+    fusion, found = Fusion(TREE), []
+    fusion.persons("tracked", ("anna", "berta"))
+    fusion.assignments([("p1", "berta", 1)], at(-5.0))
+    calls = [(step / 10, partial(fusion.health, ECG, at(step / 10), True)) for step in range(106)]
+    calls.append((heard_s, partial(fusion.assignments, [("p1", "anna", 2)], stamp_ns)))
+    for _, call in sorted(calls, key=lambda entry: entry[0]):
+        call()
+        found += [state.person_id for state in fusion.due()]
+    return found
+
+
+def test_an_assignment_holds_from_its_stamp_on() -> None:
+    """Heard at once, late within the half second, or early, as in a fast replay: the same second is the first."""
+    wanted = ["berta"] * 6 + ["anna"] * 5
+    assert named(5.95, at(5.9)) == wanted
+    assert named(6.3, at(5.9)) == wanted
+    assert named(4.0, at(5.9)) == wanted
+
+
+def test_an_assignment_of_no_time_or_of_another_one_holds_at_once() -> None:
+    """Without a stamp, or with that of a registry whose clock is an hour off, it holds from when it came."""
+    wanted = ["berta"] * 6 + ["anna"] * 5
+    for stamp_ns in (0, at(-3600.0), at(3600.0)):
+        assert named(5.95, stamp_ns)[-5:] == wanted[-5:]
+
+
+def test_the_assignment_that_came_last_counts() -> None:
+    """One stamped before another that is still to hold, as where the registry's clock was set back, is not undone."""
+    fusion, found = Fusion(TREE), []
+    fusion.persons("tracked", ("anna", "berta", "carla"))
+    for step in range(100):
+        fusion.health(ECG, at(step / 10), True)
+        if step == 20:
+            fusion.assignments([("p1", "anna", 1)], at(5.0))
+            fusion.assignments([("p1", "berta", 2)], at(4.0))
+        found += [state.person_id for state in fusion.due()]
+    assert found == [""] * 5 + ["berta"] * 5
+    again = []
+    for step in range(40):
+        fusion.assignments([("p1", "carla", 1)], at(-3600.0))
+        fusion.health(ECG, at(step / 10 - 3600.0), True)
+        again += [state.person_id for state in fusion.due()]
+    assert set(again) == {"carla"}
+
+
 def test_newest_is_sorted() -> None:
     """Values that come out of order are found by their own time, and only those not after the moment asked for."""
     newest: Newest[str] = Newest()

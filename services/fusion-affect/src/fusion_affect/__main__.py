@@ -201,7 +201,8 @@ class Shell:
         self._fusion.expression(face_id, seen, stamp_ns, receipt_ns)
 
     def _on_assignments(self, message: SensorAssignmentArray) -> None:
-        self._fusion.assignments([(a.human_id, a.person_id, to_ns(a.since)) for a in message.assignments])
+        entries = [(a.human_id, a.person_id, to_ns(a.since)) for a in message.assignments]
+        self._fusion.assignments(entries, to_ns(message.header.stamp))
 
     def _on_marker(self, message: Marker) -> None:
         self._fusion.marker(message.name, message.human_id, to_ns(message.header.stamp))

@@ -1,9 +1,11 @@
 """Everything fusion-affect knows, and the states that follow from it at every grid point; pure."""
 
+from bisect import insort
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
+from operator import itemgetter
 
 from sense4hri.names import StreamName
 
@@ -47,11 +49,12 @@ class Fusion:
         self._face_of: dict[str, str] = {}
         self._alias_of: dict[str, str] = {}
         self._assigned: dict[str, str] = {}
+        self._assigned_ns = 0  # from when on the newest of them holds
         self._computed: set[str] = set()  # sources that somebody computes, also before they have spoken
         self.unstamped_expressions = 0
         self._cut_ns: int | None = None  # where the next session begins, until it has begun
         self._held: list[_Input] = []  # of the next session already
-        self._news: deque[tuple[int, Callable[[], None]]] = deque()  # what has no stamp, and when it came
+        self._news: deque[tuple[int, Callable[[], None]]] = deque()  # who is who, and from when on
         self._begin()
 
     def cut_at(self, start_ns: int) -> None:
@@ -150,14 +153,14 @@ class Fusion:
 
     # --- what the study says
 
-    def assignments(self, entries: list[tuple[str, str, int]]) -> None:
-        """(human_id, person_id, since in ns) of every sensor."""
+    def assignments(self, entries: list[tuple[str, str, int]], stamp_ns: int = 0) -> None:
+        """(human_id, person_id, since in ns) of every sensor, from stamp_ns on; what is told later holds later."""
         assigned = newest_person_ids(entries)
 
         def learn() -> None:
             self._assigned = assigned
 
-        self._learn(learn)
+        self._assigned_ns = self._learn(learn, max(stamp_ns, self._assigned_ns))
 
     def marker(self, name: str, human_id: str, stamp_ns: int) -> None:
         """A marker, in time or late; those of a baseline concern one participant, or all where human_id is empty.
@@ -190,14 +193,20 @@ class Fusion:
             found += [self._state(human_id, time_ns, humans) for human_id in sorted(humans)]
         return found
 
-    def _learn(self, news: Callable[[], None]) -> None:
-        """Who is who bears no stamp: it holds from the first grid point after the newest input."""
-        if self._grid.now_ns is None:
+    def _learn(self, news: Callable[[], None], from_ns: int = 0) -> int:
+        """Who is who holds from from_ns on; where it bears no stamp or one far ahead of all inputs, from the newest.
+
+        Returns from when on it holds.
+        """
+        now_ns = self._grid.now_ns
+        if now_ns is None:
             news()
-            return
-        self._news.append((self._grid.now_ns, news))
+            return 0
+        time_ns = from_ns if 0 < from_ns < now_ns + JUMP_NS else now_ns
+        insort(self._news, (time_ns, news), key=itemgetter(0))
         if len(self._news) > MOST_NEWS:  # no input moves the grid
             self._news.popleft()[1]()
+        return time_ns
 
     def _state(self, human_id: str, time_ns: int, humans: frozenset[str]) -> State:
         heart_rate = combine(self._streams.readings(human_id, time_ns), self._source, self._tree.limits)
