@@ -9,6 +9,7 @@ from fusion_affect.align import AWAITED_LOOKS, SECOND_NS, ClockModel, Grid, Newe
 from fusion_affect.fusion import Fusion
 from fusion_affect.state import Expression, State
 from fusion_affect.streams import Rate
+from sense4hri.names import StreamName
 
 
 def test_wall_time_does_not_matter() -> None:
@@ -148,6 +149,23 @@ def test_the_assignment_that_came_last_counts() -> None:
         fusion.health(ECG, at(step / 10 - 3600.0), True)
         again += [state.person_id for state in fusion.due()]
     assert set(again) == {"carla"}
+
+
+def test_who_comes_back_is_there_from_their_first_sign_on() -> None:
+    """Whatever the computing time of another's heart rate: a silence ends in no state before its end."""
+
+    def seconds_of_p2(lag_s: float) -> list[int]:
+        fusion, found = Fusion(TREE), []
+        fusion.features_offered(ECG)
+        eda = StreamName("p2", "eda", "e4_1")
+        calls = [(now + 0.1, partial(fusion.health, eda, at(now + 0.1), True)) for now in (*range(10), *range(40, 50))]
+        calls += [(now + lag_s, partial(fusion.rate, ECG, "features", Rate(70.0), at(now))) for now in range(50)]
+        for _, call in sorted(calls, key=lambda entry: entry[0]):
+            call()
+            found += [(s.time_ns - START) // SECOND_NS for s in fusion.due() if s.human_id == "p2"]
+        return [second for second in found if second < 45]
+
+    assert seconds_of_p2(2.0) == seconds_of_p2(0.02) == [*range(1, 25), *range(41, 45)]
 
 
 def test_newest_is_sorted() -> None:

@@ -26,8 +26,8 @@ class Stream:
     rates: dict[str, Newest[Rate]] = field(default_factory=dict)
     """By source: `features` and `device`."""
     model: ClockModel | None = None
-    live_ns: dict[str, tuple[int, int]] = field(default_factory=dict)
-    """When it first and last gave a sign of life, by field."""
+    live: dict[str, Newest[None]] = field(default_factory=dict)
+    """Its signs of life, by field."""
     streaming: bool = False
     """As its driver's health said last."""
 
@@ -64,8 +64,8 @@ class Streams:
         """Forget a field that is no longer on the graph; with the last of them the stream."""
         if stream := self._streams.get(name):
             stream.rates.pop(field_, None)
-            stream.live_ns.pop(field_, None)
-            if not stream.live_ns:
+            stream.live.pop(field_, None)
+            if not stream.live:
                 del self._streams[name]
 
     def humans(self, time_ns: int, live_s: float) -> frozenset[str]:
@@ -74,7 +74,7 @@ class Streams:
         live = {
             name.human_id
             for name, stream in self._streams.items()
-            if any(first_ns <= time_ns and last_ns >= earliest_ns for first_ns, last_ns in stream.live_ns.values())
+            if any(sign and sign[0] >= earliest_ns for sign in [signs.at(time_ns) for signs in stream.live.values()])
         }
         return frozenset(live - {UNASSIGNED})
 
@@ -95,6 +95,5 @@ class Streams:
 
     def _live(self, name: StreamName, receipt_ns: int, source: str) -> Stream:
         stream = self._streams.setdefault(name, Stream())
-        first_ns, last_ns = stream.live_ns.get(source, (receipt_ns, receipt_ns))
-        stream.live_ns[source] = first_ns, max(receipt_ns, last_ns)
+        stream.live.setdefault(source, Newest()).put(receipt_ns, None)
         return stream
