@@ -168,6 +168,19 @@ def test_who_comes_back_is_there_from_their_first_sign_on() -> None:
     assert seconds_of_p2(2.0) == seconds_of_p2(0.02) == [*range(1, 25), *range(41, 45)]
 
 
+def test_a_fast_camera_is_remembered_for_as_long_as_a_grid_point_waits() -> None:
+    """In a replay at 20x, looked at once a second of it, 60 lists of two faces a second and features 8 s late."""
+    fusion, said, images = Fusion(TREE), set(), 60
+    fusion.features_offered(ECG)
+    calls = [(n / images, partial(fusion.faces, ("f1", "f2"), at(n / images))) for n in range(30 * images)]
+    calls += [(n / 2, partial(fusion.expression, "f1", NEUTRAL, at(n / 2))) for n in range(60)]
+    calls += [(n + 8.0, partial(fusion.rate, ECG, "features", Rate(70.0), at(n))) for n in range(22)]
+    calls += [(n + 0.5, lambda: said.update(state.reasons[0] for state in fusion.due())) for n in range(30)]
+    for _, call in sorted(calls, key=lambda entry: entry[0]):
+        call()
+    assert said == {"no person is named p1, and 2 faces are tracked, not one"}
+
+
 def test_newest_is_sorted() -> None:
     """Values that come out of order are found by their own time, and only those not after the moment asked for."""
     newest: Newest[str] = Newest()

@@ -50,7 +50,8 @@ def corrected_ns(device_ns: int, receipt_ns: int, model: ClockModel | None) -> i
 class Newest(Generic[Value]):
     """The values of one input, sorted by time; asked for rising moments only."""
 
-    KEPT = 256
+    KEPT = 1024
+    """A camera's lists of faces, 100 a second, for as long as a grid point waits (PATIENT_NS)."""
 
     def __init__(self) -> None:
         self._times_ns: list[int] = []
