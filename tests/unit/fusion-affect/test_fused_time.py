@@ -70,6 +70,21 @@ def test_one_stamp_ahead_of_all_others_silences_only_while_its_source_is_there()
     assert len(after) >= 8
 
 
+def test_what_was_said_while_one_stamp_was_ahead_counts_once_its_source_has_left() -> None:
+    """Neither who is who, nor the expressions without a stamp after it, wait for the time of a host an hour ahead."""
+    fusion = Fusion(TREE)
+    run(fusion, 10.0, stamped=False)
+    fusion.health(PPG, at(3610.0), streaming=True)
+    fusion.due()
+    fusion.persons("tracked", ("p1",))
+    fusion.person_face("p1", "f1")
+    run(fusion, 600.0, start=10.0, stamped=False)
+    fusion.vanished(PPG, "health")
+    states = run(fusion, 10.0, start=610.0, stamped=False)
+    assert {(state.person_id, state.expression) for state in states[1:]} == {("p1", "neutral")}
+    assert len(states) >= 8
+
+
 def test_corrected_time_orders_inputs() -> None:
     """A rate whose samples were taken before the grid point counts there, however late it was received."""
     fusion = Fusion(TREE)

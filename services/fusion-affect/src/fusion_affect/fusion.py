@@ -208,6 +208,11 @@ class Fusion:
             self._news.popleft()[1]()
         return time_ns
 
+    def _learn_all(self) -> None:
+        """Time is not what it was: whatever is told of who is who holds now."""
+        while self._news:
+            self._news.popleft()[1]()
+
     def _state(self, human_id: str, time_ns: int, humans: frozenset[str]) -> State:
         heart_rate = combine(self._streams.readings(human_id, time_ns), self._source, self._tree.limits)
         baseline = self._baselines.of(human_id)
@@ -261,8 +266,7 @@ class Fusion:
         before_the_cut = given.moves and given.stamp_ns < self._floor_ns - JUMP_NS  # another recording, other sources
         if before_the_cut or self._grid.stepped_back(given.source, given.stamp_ns):  # as when a replay starts over
             self._held.clear()
-            while self._news:
-                self._news.popleft()[1]()
+            self._learn_all()
             self._begin_afresh(0)
         if given.stamp_ns < self._floor_ns:
             return
@@ -279,7 +283,9 @@ class Fusion:
 
     def _forget(self, source: str) -> None:
         """A source has gone, with what it has said of the session that is to begin."""
-        self._grid.forget(source)
+        if self._grid.forget(source):  # what bore no stamp got its time
+            self._learn_all()
+            self._faces = Faces(self._tree.limits)
         self._held = [given for given in self._held if given.source != source]
 
     def _cut(self) -> bool:
