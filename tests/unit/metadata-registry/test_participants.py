@@ -83,6 +83,16 @@ def test_a_clock_that_is_set_back_mixes_no_readings_up(tmp_path: Path, says_who:
         assert [one.read_ns for one in participants.of(human_id).readings] == [read_ns]
 
 
+def test_nothing_that_was_ends_before_it_begins(tmp_path: Path) -> None:
+    """Where the clock was set back, how long a thing lasted is not known: it ends where it began."""
+    registry = Registry(store := Store(tmp_path / "r.sqlite"))
+    for human_id, now_ns in ((ME, 1000), ("p2", 500), ("p3", 600)):
+        registry.seen(ECG._replace(human_id=human_id), "/driver_h10", "host", {"human_id": human_id}, now_ns)
+        registry.settle({"h10_1": {human_id}}, now_ns)
+    assert [(one.since_ns, one.until_ns) for one in store.past.worn()] == [(1000, 1000), (500, 600), (600, 0)]
+    assert [(one.read_ns, one.until_ns) for one in store.past.readings()] == [(1000, 1000), (500, 600), (600, 0)]
+
+
 def test_parameters_read_after_a_silent_move_are_the_new_wearer_s(tmp_path: Path) -> None:
     """A driver that does not answer when its topics move, and then as before, has been read on the one it is on now."""
     registry = Registry(store := Store(tmp_path / "r.sqlite"))
@@ -111,6 +121,20 @@ def test_a_reader_that_keeps_the_log_is_told(tmp_path: Path) -> None:
     store.close()
     Store(tmp_path / "r.sqlite").close()
     assert not any(ME.encode() in file.read_bytes() for file in tmp_path.iterdir())
+
+
+def test_a_log_that_cannot_be_emptied_is_told_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is deleted is deleted, and forgotten, also where the disk takes no more once that is written."""
+    store, registry, participants = study(tmp_path)
+    registry.settle({"h10_1": {"p2"}}, 400)
+
+    def fold() -> bool:
+        raise sqlite3.OperationalError("disk I/O error")
+
+    monkeypatch.setattr(store.past, "fold", fold)
+    assert participants.remove(ME, ()).in_log
+    assert ME not in repr(registry.sensors())
+    assert [one.human_id for one in participants.all()] == ["p2"]
 
 
 def test_a_deleted_participant_is_in_no_byte_and_brings_no_older_wearer_back(tmp_path: Path) -> None:
