@@ -38,7 +38,7 @@ from fusion_affect.align import ClockModel as Model
 from fusion_affect.config import Config
 from fusion_affect.fusion import Fusion
 from fusion_affect.state import Expression, State
-from fusion_affect.streams import Rate
+from fusion_affect.streams import Rate, reported
 from fusion_affect.tree import Tree, load
 
 LOOK_INTERVAL_S = 0.5
@@ -171,10 +171,11 @@ class Shell:
         self._fusion.rate(name, "features", rate, self._received_ns(name, message), to_ns(message.device_timestamp))
 
     def _on_device(self, name: StreamName, message: PhysioDeviceFeature) -> None:
-        for told in message.features:
-            if told.name == "heart_rate" and len(told.values):
-                times_ns = self._received_ns(name, message), to_ns(message.device_timestamp)
-                self._fusion.rate(name, "device", Rate(told.values[-1]), *times_ns)
+        told = {each.name: each.values[-1] for each in message.features if len(each.values)}
+        if "heart_rate" not in told:
+            return
+        times_ns = self._received_ns(name, message), to_ns(message.device_timestamp)
+        self._fusion.rate(name, "device", reported(told), *times_ns)
 
     def _on_clock(self, name: StreamName, message: ClockModel) -> None:
         behind_ns = self._received_ns(name, message) - to_ns(message.header.stamp)

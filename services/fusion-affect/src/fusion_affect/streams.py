@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -17,6 +18,11 @@ class Rate(NamedTuple):
     bpm: float
     quality: float = NAN
     reasons: tuple[str, ...] = ()
+
+
+def reported(values: Mapping[str, float]) -> Rate:
+    """Return what a sensor itself reports; a rate without skin contact is the last one it had, or noise."""
+    return Rate(NAN, NAN, ("no skin contact",)) if values.get("contact") == 0 else Rate(values["heart_rate"])
 
 
 @dataclass
