@@ -90,6 +90,7 @@ def test_corrected_time_orders_inputs() -> None:
     fusion = Fusion(TREE)
     fusion.clock(ECG, ClockModel(0, START, 0.0))
     fusion.rate(ECG, "features", Rate(70.0, 0.9), at(1.9), 1 * SECOND_NS)
+    fusion.vanished(ECG, "clock")  # clock-sync has ended: what it said last goes on
     fusion.rate(ECG, "features", Rate(80.0, 0.9), at(3.4), round(2.9 * SECOND_NS))
     fusion.faces((), at(3.6))
     assert [(state.time_ns, state.heart_rate_bpm) for state in fusion.due()] == [(at(2), 70.0), (at(3), 80.0)]

@@ -85,7 +85,7 @@ class Shell:
                 handler(parsed[0], message)
 
         def gone(topic: Topic) -> None:
-            if field != "clock" and (parsed := StreamName.parse(topic.name)):  # a model goes on without clock-sync
+            if parsed := StreamName.parse(topic.name):
                 self._fusion.vanished(*parsed)
 
         def offered(topic: Topic, profile: QoSProfile) -> None:

@@ -67,7 +67,10 @@ class Streams:
         return begins
 
     def vanished(self, name: StreamName, field_: str) -> None:
-        """Forget a field that is no longer on the graph; with the last of them the stream."""
+        """Forget a field that is no longer on the graph; with the last sign of life the stream.
+
+        The clock model of one that lives goes on without clock-sync.
+        """
         if stream := self._streams.get(name):
             stream.rates.pop(field_, None)
             stream.live.pop(field_, None)
