@@ -197,6 +197,34 @@ def test_a_fast_camera_is_remembered_for_as_long_as_a_grid_point_waits() -> None
     assert said == {"no person is named p1, and 2 faces are tracked, not one"}
 
 
+def test_a_hand_over_is_seen_without_the_graph() -> None:
+    """In a replay no topic goes: who wore a sensor until another did has no state and no heart rate of it any more."""
+
+    def states(*, live: bool) -> list[tuple[int, str, str, float]]:
+        fusion, found = Fusion(TREE), []
+        band = StreamName("p1", "eda", "band_1")
+        calls: list[tuple[float, Callable[[], object]]] = []
+        for step in range(300):
+            now, ecg = step / 10, ECG if step < 200 else ECG._replace(human_id="p2")
+            calls.append((now, partial(fusion.faces, ("f1",), at(now))))
+            calls.append((now, partial(fusion.expression, "f1", NEUTRAL, at(now))))
+            if step < 100:
+                calls.append((now, partial(fusion.health, band, at(now), True)))
+            if step % 10 == 3:
+                calls.append((now, partial(fusion.health, ecg, at(now), True)))
+                calls.append((now, partial(fusion.rate, ecg, "features", Rate(70.0), at(now))))
+        if live:
+            calls += [(20.2, partial(fusion.vanished, ECG, field)) for field in ("health", "features")]
+        for _, call in sorted(calls, key=lambda entry: entry[0]):
+            call()
+            found += [(s.time_ns, s.human_id, s.state, s.heart_rate_bpm) for s in fusion.due() if s.time_ns > at(20)]
+        return found
+
+    assert repr(states(live=False)) == repr(states(live=True))
+    assert {(human_id, bpm) for _, human_id, _, bpm in states(live=False) if human_id == "p2"} == {("p2", 70.0)}
+    assert states(live=False)[-1][1:3] == ("p2", "calm_relaxed")
+
+
 def test_newest_is_sorted() -> None:
     """Values that come out of order are found by their own time, and only those not after the moment asked for."""
     newest: Newest[str] = Newest()

@@ -2,7 +2,7 @@
 
 from bisect import insort
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass
 from functools import partial
 from operator import itemgetter
@@ -14,7 +14,7 @@ from fusion_affect.faces import Faces
 from fusion_affect.heart_rate import Baselines, combine
 from fusion_affect.persons import People, match, newest_person_ids
 from fusion_affect.state import Expression, State, confidence, extra, indicators, missing
-from fusion_affect.streams import Rate, Streams
+from fusion_affect.streams import Rate, Streams, live_humans
 from fusion_affect.tree import Tree, decide
 
 MOST_NEWS = 1000
@@ -189,8 +189,9 @@ class Fusion:
                 break  # the session's own
             while self._news and self._news[0][0] <= time_ns:
                 self._news.popleft()[1]()
-            humans = self._streams.humans(time_ns, self._tree.limits.stream_live_s)
-            found += [self._state(human_id, time_ns, humans) for human_id in sorted(humans)]
+            worn = self._streams.worn(time_ns)
+            humans = live_humans(worn, time_ns, self._tree.limits.stream_live_s)
+            found += [self._state(human_id, time_ns, humans, worn) for human_id in sorted(humans)]
         return found
 
     def _learn(self, news: Callable[[], None], from_ns: int = 0) -> int:
@@ -213,8 +214,8 @@ class Fusion:
         while self._news:
             self._news.popleft()[1]()
 
-    def _state(self, human_id: str, time_ns: int, humans: frozenset[str]) -> State:
-        heart_rate = combine(self._streams.readings(human_id, time_ns), self._source, self._tree.limits)
+    def _state(self, human_id: str, time_ns: int, humans: frozenset[str], worn: Container[tuple[str, str]]) -> State:
+        heart_rate = combine(self._streams.readings(human_id, time_ns, worn), self._source, self._tree.limits)
         baseline = self._baselines.of(human_id)
         baseline.learn(time_ns, heart_rate.bpm)
         who = match(human_id, self._people(time_ns, humans))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -23,6 +23,12 @@ class Rate(NamedTuple):
 def reported(values: Mapping[str, float]) -> Rate:
     """Return what a sensor itself reports; a rate without skin contact is the last one it had, or noise."""
     return Rate(NAN, NAN, ("no skin contact",)) if values.get("contact") == 0 else Rate(values["heart_rate"])
+
+
+def live_humans(worn: Mapping[tuple[str, str], int], time_ns: int, live_s: float) -> frozenset[str]:
+    """Return who has a sensor with a sign of life in the live_s before; one that nobody wears makes none."""
+    earliest_ns = time_ns - round(live_s * SECOND_NS)
+    return frozenset({human_id for (_, human_id), sign_ns in worn.items() if sign_ns >= earliest_ns} - {UNASSIGNED})
 
 
 @dataclass
@@ -77,21 +83,24 @@ class Streams:
             if not stream.live:
                 del self._streams[name]
 
-    def humans(self, time_ns: int, live_s: float) -> frozenset[str]:
-        """Return who has a stream with a sign of life in the live_s before; a sensor that nobody wears makes none."""
-        earliest_ns = time_ns - round(live_s * SECOND_NS)
-        live = {
-            name.human_id
-            for name, stream in self._streams.items()
-            if any(sign and sign[0] >= earliest_ns for sign in [signs.at(time_ns) for signs in stream.live.values()])
-        }
-        return frozenset(live - {UNASSIGNED})
+    def worn(self, time_ns: int) -> dict[tuple[str, str], int]:
+        """Return (sensor_id, human_id) and the newest sign of life: a sensor is on whom it spoke of last."""
+        signs: dict[tuple[str, str], int] = {}
+        newest: dict[str, int] = {}
+        for name, stream in self._streams.items():
+            for said in stream.live.values():
+                if sign := said.at(time_ns):
+                    wearer = name.sensor_id, name.human_id
+                    signs[wearer] = max(sign[0], signs.get(wearer, 0))
+                    newest[name.sensor_id] = max(sign[0], newest.get(name.sensor_id, 0))
+        return {wearer: sign_ns for wearer, sign_ns in signs.items() if sign_ns == newest[wearer[0]]}
 
-    def readings(self, human_id: str, time_ns: int) -> list[Reading]:
-        """Return the newest heart rate of each source that a participant wears."""
+    def readings(self, human_id: str, time_ns: int, worn: Container[tuple[str, str]]) -> list[Reading]:
+        """Return the newest heart rate of each source that a participant wears. worn: as at that time."""
         readings = []
         for name, stream in self._streams.items():
-            for source, rates in stream.rates.items() if name.human_id == human_id else ():
+            wears = name.human_id == human_id and (name.sensor_id, human_id) in worn
+            for source, rates in stream.rates.items() if wears else ():
                 if newest := rates.at(time_ns):
                     age_s, rate = seconds(time_ns, newest[0]), newest[1]
                     topic = name.topic(source)
