@@ -133,6 +133,21 @@ def test_a_stopped_process_is_told_and_streams_again(monkeypatch, process, told,
     assert all(a == b and sentence in what for (a, what), (b, sentence) in zip(found, departures, strict=True)), found
 
 
+@pytest.mark.parametrize("ended_at", [signal.SIGSTOP, signal.SIGCONT])
+def test_a_process_that_has_ended_meanwhile_is_told(monkeypatch, ended_at):
+    """Whether before it is stopped or while it is: what was found until then is not lost."""
+    findings, line = Findings(), SimpleNamespace(until=lambda done, timeout_s: None)
+
+    def gone(_pid, number):
+        if number == ended_at:
+            raise ProcessLookupError
+
+    monkeypatch.setattr(probes, "os", SimpleNamespace(kill=gone))
+    topics = SimpleNamespace(streams={}, look=lambda: True, published=dict)
+    Probes(line, topics, "/driver_box_box_1", findings).unplugged(4711)
+    assert [each.what for each in findings.departures() if "process 4711" in each.what]
+
+
 def test_a_sensor_whose_wearer_is_not_told_is_not_moved(monkeypatch):
     """Nobody could put it back."""
     findings = Findings()

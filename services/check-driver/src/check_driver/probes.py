@@ -3,6 +3,7 @@
 import os
 import signal
 import time
+from contextlib import suppress
 from typing import Any
 
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -113,12 +114,17 @@ class Probes:
             for each in self._topics.streams.values()
             if each.steady and each.name.topic("raw" if each.frames else "device") in published
         ]
-        os.kill(pid, signal.SIGSTOP)
+        try:
+            os.kill(pid, signal.SIGSTOP)
+        except ProcessLookupError:
+            self._findings.wrong(6, self._node, f"process {pid} has ended before it was to be stopped")
+            return
         stopped_s = time.monotonic()
         try:
             self._line.until(lambda: None, STOPPED_S)
         finally:
-            os.kill(pid, signal.SIGCONT)
+            with suppress(ProcessLookupError):  # then nothing streams again, which is told
+                os.kill(pid, signal.SIGCONT)
         going_s = time.monotonic()
         for heard in (each for each in streams if each.frames):  # how long reports may be away nobody declares
             self._told(heard, stopped_s, going_s)
