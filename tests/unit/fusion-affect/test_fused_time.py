@@ -85,6 +85,19 @@ def test_what_was_said_while_one_stamp_was_ahead_counts_once_its_source_has_left
     assert len(states) >= 8
 
 
+def test_lists_of_faces_without_a_stamp_are_no_clock() -> None:
+    """They got the time of a host an hour ahead, and hold nobody there once that has left."""
+    fusion = Fusion(TREE)
+    run(fusion, 5.0, faces=None)
+    fusion.health(PPG, at(3610.0), streaming=True)
+    fusion.faces(("f1", "f2"), 0)
+    fusion.due()
+    fusion.vanished(PPG, "health")
+    states = run(fusion, 10.0, start=5.0, faces=None)
+    assert len(states) >= 8
+    assert states[-1].face_id == "f1"
+
+
 def test_corrected_time_orders_inputs() -> None:
     """A rate whose samples were taken before the grid point counts there, however late it was received."""
     fusion = Fusion(TREE)

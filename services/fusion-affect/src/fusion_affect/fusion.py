@@ -113,7 +113,8 @@ class Fusion:
         """The tracked faces; an unstamped list gets the time of the newest input."""
         time_ns = stamp_ns or self._grid.now_ns
         if time_ns:
-            self._take(_Input("faces", time_ns, partial(self._faces_at, time_ns, frozenset(face_ids))))
+            put = partial(self._faces_at, time_ns, frozenset(face_ids))
+            self._take(_Input("faces", time_ns, put, moves=bool(stamp_ns)))
 
     def expression(self, face_id: str, expression: Expression, stamp_ns: int, receipt_ns: int = 0) -> None:
         """A face's expression. Unstamped, as real recognisers send it, its receipt counts.
