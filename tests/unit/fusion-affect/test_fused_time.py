@@ -85,6 +85,19 @@ def test_what_was_said_while_one_stamp_was_ahead_counts_once_its_source_has_left
     assert len(states) >= 8
 
 
+def test_a_camera_an_hour_ahead_silences_only_while_it_is_there() -> None:
+    """Once nobody lists faces any more, states go on with the time of the sensors."""
+    fusion = Fusion(TREE)
+    run(fusion, 5.0, faces=None)
+    fusion.faces(("f1", "f2"), at(3605.0))
+    fusion.due()
+    assert run(fusion, 5.0, start=5.0, faces=None) == []
+    fusion.faces_vanished()
+    states = run(fusion, 10.0, start=10.0, faces=None)
+    assert len(states) >= 8
+    assert states[-1].face_id == "f1"
+
+
 def test_lists_of_faces_without_a_stamp_are_no_clock() -> None:
     """They got the time of a host an hour ahead, and hold nobody there once that has left."""
     fusion = Fusion(TREE)

@@ -104,7 +104,7 @@ class Shell:
             [f"{FACES}/tracked"],
             IdsList,
             lambda topic, m: fusion.faces(m.ids, to_ns(m.header.stamp)),
-            lambda topic: None,
+            lambda topic: fusion.faces_vanished(),
         )
         self._follow_foreign(
             [f"{PERSONS}/tracked", f"{PERSONS}/known"],

@@ -116,6 +116,10 @@ class Fusion:
             put = partial(self._faces_at, time_ns, frozenset(face_ids))
             self._take(_Input("faces", time_ns, put, moves=bool(stamp_ns)))
 
+    def faces_vanished(self) -> None:
+        """Nobody lists faces any more."""
+        self._forget("faces")
+
     def expression(self, face_id: str, expression: Expression, stamp_ns: int, receipt_ns: int = 0) -> None:
         """A face's expression. Unstamped, as real recognisers send it, its receipt counts.
 
