@@ -178,6 +178,15 @@ def test_what_others_say_of_a_deleted_participant_goes_too(tmp_path: Path) -> No
     assert sensor.channel_names == ("eda", "withdrawn-left")
 
 
+def test_a_sensor_that_bears_the_name_is_told_also_where_only_its_past_is_known(tmp_path: Path) -> None:
+    """Its description went with who wore it last; who wore it when stays, under the name that it has."""
+    store, registry, participants = study(tmp_path)
+    registry.seen(StreamName("p3", "eda", f"{ME}_box"), "/driver_box", "host", {"human_id": "p3"}, 120)
+    participants.remove("p3", ())
+    assert participants.remove(ME, ()).left == (f"{ME}_box",)
+    assert [one.sensor_id for one in store.past.worn()] == ["h10_1", "h10_1", "h10_1", "verity_1", f"{ME}_box"]
+
+
 def test_who_still_takes_part_is_not_deleted(tmp_path: Path) -> None:
     """While its topics live, its session runs or is prepared, a sentence says what to do first; a name is checked."""
     store, _, participants = study(tmp_path)

@@ -235,7 +235,8 @@ class Past:
 
     def _remove(self, name: Pseudonym) -> Removed:
         ids = (name.human_id,)
-        left = [sensor_id for (sensor_id,) in self._db.execute("SELECT DISTINCT sensor_id FROM sensors ORDER BY 1")]
+        known = "SELECT sensor_id FROM sensors UNION SELECT sensor_id FROM assignments ORDER BY 1"
+        left = [sensor_id for (sensor_id,) in self._db.execute(known)]
         assignments = self._db.execute(
             f"UPDATE assignments SET human_id = '{UNASSIGNED}', person_id = '' WHERE human_id = ?", ids
         ).rowcount
