@@ -251,6 +251,42 @@ def test_a_hand_over_is_seen_without_the_graph() -> None:
     assert states(live=False)[-1][1:3] == ("p2", "calm_relaxed")
 
 
+def test_a_driver_that_ends_is_seen_without_the_graph() -> None:
+    """It says so before its topics go; in a replay they stay. What comes back later is there again."""
+
+    def seconds_of_p1(*, live: bool) -> list[int]:
+        fusion, found = Fusion(TREE), []
+        eda = StreamName("p2", "eda", "e4_1")
+        calls = [(now, partial(fusion.health, eda, at(now), True)) for now in range(40)]
+        for now in (*range(20), *range(30, 40)):
+            calls.append((now, partial(fusion.health, ECG, at(now), True)))
+            calls.append((now + 0.05, partial(fusion.rate, ECG, "features", Rate(70.0), at(now))))
+        calls.append((19.8, partial(fusion.health, ECG, at(19.8), False, ends=True)))
+        if live:
+            calls += [(19.9, partial(fusion.vanished, ECG, field)) for field in ("health", "features")]
+        for _, call in sorted(calls, key=lambda entry: entry[0]):
+            call()
+            found += [(s.time_ns - START) // SECOND_NS for s in fusion.due() if s.human_id == "p1"]
+        return [second for second in found if second != 19]  # live its data have gone with its topics
+
+    assert seconds_of_p1(live=False) == seconds_of_p1(live=True) == [*range(19), *range(30, 39)]
+
+
+def test_a_driver_that_ends_gives_its_sensor_back_to_nobody() -> None:
+    """Who wore it a moment before is no wearer for that."""
+    fusion, found = Fusion(TREE), []
+    eda, moved = StreamName("p3", "eda", "e4_1"), ECG._replace(human_id="p2")
+    for now in range(20):
+        fusion.health(eda, at(now), True)
+        if now < 10:
+            fusion.health(ECG if now < 5 else moved, at(now), True)
+        if now == 10:
+            fusion.health(moved, at(now), False, ends=True)
+        found += [(state.human_id, (state.time_ns - START) // SECOND_NS) for state in fusion.due()]
+    assert [second for human_id, second in found if human_id == "p1"] == [*range(5)]
+    assert [second for human_id, second in found if human_id == "p2"] == [*range(5, 10)]
+
+
 def test_newest_is_sorted() -> None:
     """Values that come out of order are found by their own time, and only those not after the moment asked for."""
     newest: Newest[str] = Newest()

@@ -184,7 +184,8 @@ class Shell:
 
     def _on_health(self, name: StreamName, message: StreamHealth) -> None:
         self._hosts[name.sensor_id] = message.host
-        self._fusion.health(name, self._received_ns(name, message), message.state == StreamHealth.STREAMING)
+        streaming, ends = message.state == StreamHealth.STREAMING, message.state == StreamHealth.STOPPING
+        self._fusion.health(name, self._received_ns(name, message), streaming, ends)
 
     def _received_ns(self, name: StreamName, message: Any) -> int:
         """Return a message's receipt stamp on the reference host's clock; 0 = it bears none."""

@@ -95,10 +95,11 @@ class Fusion:
         """A clock model holds for what comes after it."""
         self._streams.clock(name, model)
 
-    def health(self, name: StreamName, receipt_ns: int, streaming: bool) -> None:
-        """Health moves time on, and while its driver is streaming a stream of any type is live."""
+    def health(self, name: StreamName, receipt_ns: int, streaming: bool, ends: bool = False) -> None:
+        """Health moves time on, and while its driver is streaming a stream of any type is live, until that ends."""
         if receipt_ns:
-            self._take(_Input(f"{name} health", receipt_ns, partial(self._health_at, receipt_ns, name, streaming)))
+            put = partial(self._health_at, receipt_ns, name, streaming, ends)
+            self._take(_Input(f"{name} health", receipt_ns, put))
 
     def vanished(self, name: StreamName, field_: str) -> None:
         """A field of a stream is no longer on the graph; with the last of them the stream is forgotten."""
@@ -256,8 +257,8 @@ class Fusion:
     def _rate_at(self, name: StreamName, source: str, rate: Rate, receipt_ns: int, device_ns: int) -> None:
         self._streams.rate(name, source, rate, receipt_ns, device_ns)
 
-    def _health_at(self, time_ns: int, name: StreamName, streaming: bool) -> None:
-        if self._streams.health(name, time_ns, streaming) and f"{name} features" in self._computed:
+    def _health_at(self, time_ns: int, name: StreamName, streaming: bool, ends: bool) -> None:
+        if self._streams.health(name, time_ns, streaming, ends) and f"{name} features" in self._computed:
             self._grid.expect(f"{name} features")
 
     def _faces_at(self, time_ns: int, face_ids: frozenset[str]) -> None:

@@ -40,6 +40,8 @@ class Stream:
     model: ClockModel | None = None
     live: dict[str, Newest[None]] = field(default_factory=dict)
     """Its signs of life, by field."""
+    ends: Newest[None] = field(default_factory=Newest)
+    """When its driver said that it leaves."""
     streaming: bool = False
     """As its driver's health said last."""
 
@@ -66,9 +68,11 @@ class Streams:
         """Place by this model what comes after it."""
         self._streams.setdefault(name, Stream()).model = model
 
-    def health(self, name: StreamName, receipt_ns: int, streaming: bool) -> bool:
+    def health(self, name: StreamName, receipt_ns: int, streaming: bool, ends: bool) -> bool:
         """Take what a driver says; return whether its stream begins."""
         stream = self._live(name, receipt_ns, "health") if streaming else self._streams.setdefault(name, Stream())
+        if ends:
+            stream.ends.put(receipt_ns, None)
         begins, stream.streaming = streaming and not stream.streaming, streaming
         return begins
 
@@ -88,11 +92,13 @@ class Streams:
         signs: dict[tuple[str, str], int] = {}
         newest: dict[str, int] = {}
         for name, stream in self._streams.items():
+            end_ns, _ = stream.ends.at(time_ns) or (0, None)
             for said in stream.live.values():
                 if sign := said.at(time_ns):
-                    wearer = name.sensor_id, name.human_id
-                    signs[wearer] = max(sign[0], signs.get(wearer, 0))
                     newest[name.sensor_id] = max(sign[0], newest.get(name.sensor_id, 0))
+                    if sign[0] > end_ns:
+                        wearer = name.sensor_id, name.human_id
+                        signs[wearer] = max(sign[0], signs.get(wearer, 0))
         return {wearer: sign_ns for wearer, sign_ns in signs.items() if sign_ns == newest[wearer[0]]}
 
     def readings(self, human_id: str, time_ns: int, worn: Container[tuple[str, str]]) -> list[Reading]:
