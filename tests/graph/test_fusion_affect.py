@@ -1,5 +1,6 @@
 """fusion-affect as a process; the test plays the interpreters, the drivers' health and ROS4HRI."""
 
+import math
 import time
 from collections.abc import Callable
 from typing import Any
@@ -13,11 +14,13 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sense4hri import qos
 from sense4hri.names import StreamName
 from sense4hri.stamps import from_ns
+from sense4hri.wire import feature
 from sense4hri_msgs.msg import (
     ECG,
     PPG,
     HostClock,
     HostClockArray,
+    PhysioDeviceFeature,
     SensorAssignment,
     SensorAssignmentArray,
     StreamHealth,
@@ -37,6 +40,8 @@ class World(Ears):
         self.states: dict[str, list[UserState]] = {}
         self.publishers: dict[str, Any] = {}
         self.rates: dict[StreamName, float] = {}
+        self.reports: dict[StreamName, dict[str, float]] = {}
+        """What sensors say of themselves, by name."""
         self.faces: tuple[str, ...] = ()
         self.expressions: dict[str, str] = {}
         self.ahead_s = 0.0
@@ -72,6 +77,11 @@ class World(Ears):
             features = kind(heart_rate_bpm=bpm, signal_quality=0.9, window_s=10.0)
             features.header.stamp = from_ns(time.time_ns() + round(self.ahead_s * 1e9))
             self.publish(name.topic("features"), features, qos.FEATURES)
+
+        for name, said in self.reports.items():
+            report = PhysioDeviceFeature(features=[feature(told, "1", value) for told, value in said.items()])
+            report.header.stamp = from_ns(time.time_ns())
+            self.publish(name.topic("device"), report, qos.DEVICE)
 
     def state(self, human_id: str, state: str, true: Callable[[UserState], bool] = lambda said: True) -> UserState:
         """Wait for a new state of this participant, one of which this is true."""
@@ -127,6 +137,18 @@ def test_from_expression_and_heart_rate_to_state(world: World, fusion: Process) 
     world.state("p1", "unknown", lambda said: any("2 faces" in reason for reason in said.reasons))
     assert metric(fusion, "sense4hri_unstamped_expressions_total") > 0
     assert fusion.stop() == 0
+
+
+def test_a_strap_that_says_it_lies_on_the_table_has_no_heart_rate(world: World, fusion: Process) -> None:
+    """A sensor's own heart rate counts while it is on the skin, or where it does not say."""
+    ecg = StreamName("p1", "ecg", "h10_1")
+    world.listen("p1")
+    world.faces, world.expressions = ("abcde",), {"abcde": "neutral"}
+    for contact in ({}, {"contact": math.nan}, {"contact": 1.0}):
+        world.reports = {ecg: {"heart_rate": 70.0} | contact}
+        world.state("p1", "calm_relaxed")
+    world.reports = {ecg: {"heart_rate": 70.0, "contact": 0.0}}
+    world.state("p1", "unknown", lambda said: "ecg/h10_1 device is missing: no skin contact" in said.reasons)
 
 
 def test_a_heart_rate_of_a_host_whose_clock_is_off_meets_the_face_of_now(world: World, fusion: Process) -> None:

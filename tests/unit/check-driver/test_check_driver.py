@@ -27,6 +27,29 @@ RATE_HZ, T0_NS = 50.0, 1_700_000_000_000_000_000
 NAME = StreamName("p1", "eda", "box_1")
 
 
+@pytest.mark.parametrize(
+    ("option", "value", "said"),
+    [
+        ("--stop-pid", "-1", "-1 is no process"),  # to kill(2) that is every process there is
+        ("--stop-pid", "0", "0 is no process"),
+        ("--stop-pid", "4194305", "4194305 is no process"),  # above the largest that Linux gives
+        ("--stop-pid", "9" * 30, "is no process"),
+        ("--stop-pid", "it", "'it'"),
+        ("--seconds", "0", "0 is not above 0"),
+        ("--seconds", "-5", "-5 is not above 0"),
+        ("--seconds", "nan", "nan is not above 0"),
+    ],
+)
+def test_what_cannot_be_checked_by_is_said_at_once(monkeypatch, capsys, option, value, said):
+    """Not after a minute's listening, nor as a verdict on nothing; the line names the option and what was given."""
+    monkeypatch.setattr(__main__, "Line", lambda *names: pytest.fail("it listens"))
+    with pytest.raises(SystemExit, match="2"):
+        __main__.main(["box_1", option, value])
+    line = capsys.readouterr().err.splitlines()[-1]
+    assert option in line
+    assert said in line
+
+
 def frames(sizes, device_ns=5_000_000_000):
     """Frames of these sizes, stamped with their last samples; device_ns: of the first sample, None = no clock."""
     found, count = [], 0

@@ -133,6 +133,49 @@ def test_a_stopped_process_is_told_and_streams_again(monkeypatch, process, told,
     assert all(a == b and sentence in what for (a, what), (b, sentence) in zip(found, departures, strict=True)), found
 
 
+@pytest.mark.parametrize("ended_at", [signal.SIGSTOP, signal.SIGCONT])
+def test_a_process_that_has_ended_meanwhile_is_told(monkeypatch, ended_at):
+    """Whether before it is stopped or while it is: what was found until then is not lost."""
+    findings, line = Findings(), SimpleNamespace(until=lambda done, timeout_s: None)
+
+    def gone(_pid, number):
+        if number == ended_at:
+            raise ProcessLookupError
+
+    monkeypatch.setattr(probes, "os", SimpleNamespace(kill=gone))
+    topics = SimpleNamespace(streams={}, look=lambda: True, published=dict)
+    Probes(line, topics, "/driver_box_box_1", findings).unplugged(4711)
+    assert [each.what for each in findings.departures() if "process 4711" in each.what]
+
+
+@pytest.mark.parametrize(("nodes", "departures"), [(["metadata_registry"], 0), (["driver_box_box_1"], 1)])
+def test_a_wearer_whom_a_registry_gives_back_says_nothing_of_the_driver(monkeypatch, nodes, departures):
+    """It does so where an operator's order stands; where there is none the driver itself has not kept the new one."""
+    driver, name, findings = Driver(None), StreamName("p1", "eda", "box_1"), Findings()
+    heard = Heard(name, findings, ("eda",), 0.1, 2.0, [SimpleNamespace(heard_s=0.0, device_ns=0)])
+
+    def until(done, _timeout_s):
+        driver.human_id = "p1"
+        return done()
+
+    monkeypatch.setattr(probes, "ask", driver.answer)
+    topics = SimpleNamespace(streams={name: heard}, look=lambda: True, published=dict)
+    line = SimpleNamespace(until=until, node=SimpleNamespace(get_node_names=lambda: nodes))
+    Probes(line, topics, "/driver_box_box_1", findings).wearer("p9")
+    found = findings.departures() if departures else findings.remarks()
+    assert any("has taken human_id p9, and says that it is p1" in each.what for each in found)
+    assert len([each for each in findings.departures() if "no pseudonym" not in each.what]) == departures
+
+
+def test_who_wears_it_already_is_no_change_of_wearer(monkeypatch):
+    """That its topics would move is not found out by it, and that is said."""
+    driver, findings = Driver(None), Findings()
+    monkeypatch.setattr(probes, "ask", driver.answer)
+    Probes(driver, SimpleNamespace(streams={}), "/driver_box_box_1", findings).wearer("p1")
+    assert driver.worn == []
+    assert ["p1 wears it already" in each.what for each in findings.remarks()] == [True]
+
+
 def test_a_sensor_whose_wearer_is_not_told_is_not_moved(monkeypatch):
     """Nobody could put it back."""
     findings = Findings()

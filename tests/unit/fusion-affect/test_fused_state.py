@@ -4,6 +4,7 @@ from collections import deque
 
 import pytest
 from fused import ECG, NAN, NEUTRAL, PPG, TREE, at, run
+from fusion_affect.align import ClockModel
 from fusion_affect.fusion import Fusion
 from fusion_affect.heart_rate import Baselines
 from fusion_affect.state import Expression, State
@@ -220,6 +221,8 @@ def test_who_comes_and_goes_leaves_nothing_behind() -> None:
         fusion.rate(come, "features", Rate(70.0, 0.9), at(second))
         said |= {state.human_id for state in fusion.due()}
         fusion.vanished(gone, "features")
+        fusion.clock(gone, ClockModel(0, at(0), 0.0))  # clock-sync has not noticed yet
+        fusion.vanished(gone, "clock")
         fusion.face_vanished(f"f{second - 2}")
         held.append(kept(fusion))
     assert len(said) > 2 * Baselines.MOST

@@ -9,6 +9,7 @@ from fusion_affect.align import AWAITED_LOOKS, SECOND_NS, ClockModel, Grid, Newe
 from fusion_affect.fusion import Fusion
 from fusion_affect.state import Expression, State
 from fusion_affect.streams import Rate
+from sense4hri.names import StreamName
 
 
 def test_wall_time_does_not_matter() -> None:
@@ -69,11 +70,53 @@ def test_one_stamp_ahead_of_all_others_silences_only_while_its_source_is_there()
     assert len(after) >= 8
 
 
+def test_what_was_said_while_one_stamp_was_ahead_counts_once_its_source_has_left() -> None:
+    """Neither who is who, nor the expressions without a stamp after it, wait for the time of a host an hour ahead."""
+    fusion = Fusion(TREE)
+    run(fusion, 10.0, stamped=False)
+    fusion.health(PPG, at(3610.0), streaming=True)
+    fusion.due()
+    fusion.persons("tracked", ("p1",))
+    fusion.person_face("p1", "f1")
+    run(fusion, 600.0, start=10.0, stamped=False)
+    fusion.vanished(PPG, "health")
+    states = run(fusion, 10.0, start=610.0, stamped=False)
+    assert {(state.person_id, state.expression) for state in states[1:]} == {("p1", "neutral")}
+    assert len(states) >= 8
+
+
+def test_a_camera_an_hour_ahead_silences_only_while_it_is_there() -> None:
+    """Once nobody lists faces any more, states go on with the time of the sensors."""
+    fusion = Fusion(TREE)
+    run(fusion, 5.0, faces=None)
+    fusion.faces(("f1", "f2"), at(3605.0))
+    fusion.due()
+    assert run(fusion, 5.0, start=5.0, faces=None) == []
+    fusion.faces_vanished()
+    states = run(fusion, 10.0, start=10.0, faces=None)
+    assert len(states) >= 8
+    assert states[-1].face_id == "f1"
+
+
+def test_lists_of_faces_without_a_stamp_are_no_clock() -> None:
+    """They got the time of a host an hour ahead, and hold nobody there once that has left."""
+    fusion = Fusion(TREE)
+    run(fusion, 5.0, faces=None)
+    fusion.health(PPG, at(3610.0), streaming=True)
+    fusion.faces(("f1", "f2"), 0)
+    fusion.due()
+    fusion.vanished(PPG, "health")
+    states = run(fusion, 10.0, start=5.0, faces=None)
+    assert len(states) >= 8
+    assert states[-1].face_id == "f1"
+
+
 def test_corrected_time_orders_inputs() -> None:
     """A rate whose samples were taken before the grid point counts there, however late it was received."""
     fusion = Fusion(TREE)
     fusion.clock(ECG, ClockModel(0, START, 0.0))
     fusion.rate(ECG, "features", Rate(70.0, 0.9), at(1.9), 1 * SECOND_NS)
+    fusion.vanished(ECG, "clock")  # clock-sync has ended: what it said last goes on
     fusion.rate(ECG, "features", Rate(80.0, 0.9), at(3.4), round(2.9 * SECOND_NS))
     fusion.faces((), at(3.6))
     assert [(state.time_ns, state.heart_rate_bpm) for state in fusion.due()] == [(at(2), 70.0), (at(3), 80.0)]
@@ -101,6 +144,147 @@ def test_clock_model_of_another_epoch_is_not_used() -> None:
     assert corrected_ns(at(10), at(0), model) == at(0)
     assert corrected_ns(0, at(5), model) == at(5)
     assert corrected_ns(at(0), at(5), None) == at(5)
+
+
+def named(heard_s: float, stamp_ns: int) -> list[str]:
+    """Whom p1 is taken for at each second of 10, where anna takes the place of berta in the middle."""
+    fusion, found = Fusion(TREE), []
+    fusion.persons("tracked", ("anna", "berta"))
+    fusion.assignments([("p1", "berta", 1)], at(-5.0))
+    calls = [(step / 10, partial(fusion.health, ECG, at(step / 10), True)) for step in range(106)]
+    calls.append((heard_s, partial(fusion.assignments, [("p1", "anna", 2)], stamp_ns)))
+    for _, call in sorted(calls, key=lambda entry: entry[0]):
+        call()
+        found += [state.person_id for state in fusion.due()]
+    return found
+
+
+def test_an_assignment_holds_from_its_stamp_on() -> None:
+    """Heard at once, late within the half second, or early, as in a fast replay: the same second is the first."""
+    wanted = ["berta"] * 6 + ["anna"] * 5
+    assert named(5.95, at(5.9)) == wanted
+    assert named(6.3, at(5.9)) == wanted
+    assert named(4.0, at(5.9)) == wanted
+
+
+def test_an_assignment_of_no_time_or_of_another_one_holds_at_once() -> None:
+    """Without a stamp, or with that of a registry whose clock is an hour off, it holds from when it came."""
+    wanted = ["berta"] * 6 + ["anna"] * 5
+    for stamp_ns in (0, at(-3600.0), at(3600.0)):
+        assert named(5.95, stamp_ns)[-5:] == wanted[-5:]
+
+
+def test_the_assignment_that_came_last_counts() -> None:
+    """One stamped before another that is still to hold, as where the registry's clock was set back, is not undone."""
+    fusion, found = Fusion(TREE), []
+    fusion.persons("tracked", ("anna", "berta", "carla"))
+    for step in range(100):
+        fusion.health(ECG, at(step / 10), True)
+        if step == 20:
+            fusion.assignments([("p1", "anna", 1)], at(5.0))
+            fusion.assignments([("p1", "berta", 2)], at(4.0))
+        found += [state.person_id for state in fusion.due()]
+    assert found == [""] * 5 + ["berta"] * 5
+    again = []
+    for step in range(40):
+        fusion.assignments([("p1", "carla", 1)], at(-3600.0))
+        fusion.health(ECG, at(step / 10 - 3600.0), True)
+        again += [state.person_id for state in fusion.due()]
+    assert set(again) == {"carla"}
+
+
+def test_who_comes_back_is_there_from_their_first_sign_on() -> None:
+    """Whatever the computing time of another's heart rate: a silence ends in no state before its end."""
+
+    def seconds_of_p2(lag_s: float) -> list[int]:
+        fusion, found = Fusion(TREE), []
+        fusion.features_offered(ECG)
+        eda = StreamName("p2", "eda", "e4_1")
+        calls = [(now + 0.1, partial(fusion.health, eda, at(now + 0.1), True)) for now in (*range(10), *range(40, 50))]
+        calls += [(now + lag_s, partial(fusion.rate, ECG, "features", Rate(70.0), at(now))) for now in range(50)]
+        for _, call in sorted(calls, key=lambda entry: entry[0]):
+            call()
+            found += [(s.time_ns - START) // SECOND_NS for s in fusion.due() if s.human_id == "p2"]
+        return [second for second in found if second < 45]
+
+    assert seconds_of_p2(2.0) == seconds_of_p2(0.02) == [*range(1, 25), *range(41, 45)]
+
+
+def test_a_fast_camera_is_remembered_for_as_long_as_a_grid_point_waits() -> None:
+    """In a replay at 20x, looked at once a second of it, 60 lists of two faces a second and features 8 s late."""
+    fusion, said, images = Fusion(TREE), set(), 60
+    fusion.features_offered(ECG)
+    calls = [(n / images, partial(fusion.faces, ("f1", "f2"), at(n / images))) for n in range(30 * images)]
+    calls += [(n / 2, partial(fusion.expression, "f1", NEUTRAL, at(n / 2))) for n in range(60)]
+    calls += [(n + 8.0, partial(fusion.rate, ECG, "features", Rate(70.0), at(n))) for n in range(22)]
+    calls += [(n + 0.5, lambda: said.update(state.reasons[0] for state in fusion.due())) for n in range(30)]
+    for _, call in sorted(calls, key=lambda entry: entry[0]):
+        call()
+    assert said == {"no person is named p1, and 2 faces are tracked, not one"}
+
+
+def test_a_hand_over_is_seen_without_the_graph() -> None:
+    """In a replay no topic goes: who wore a sensor until another did has no state and no heart rate of it any more."""
+
+    def states(*, live: bool) -> list[tuple[int, str, str, float]]:
+        fusion, found = Fusion(TREE), []
+        band = StreamName("p1", "eda", "band_1")
+        calls: list[tuple[float, Callable[[], object]]] = []
+        for step in range(300):
+            now, ecg = step / 10, ECG if step < 200 else ECG._replace(human_id="p2")
+            calls.append((now, partial(fusion.faces, ("f1",), at(now))))
+            calls.append((now, partial(fusion.expression, "f1", NEUTRAL, at(now))))
+            if step < 100:
+                calls.append((now, partial(fusion.health, band, at(now), True)))
+            if step % 10 == 3:
+                calls.append((now, partial(fusion.health, ecg, at(now), True)))
+                calls.append((now, partial(fusion.rate, ecg, "features", Rate(70.0), at(now))))
+        if live:
+            calls += [(20.2, partial(fusion.vanished, ECG, field)) for field in ("health", "features")]
+        for _, call in sorted(calls, key=lambda entry: entry[0]):
+            call()
+            found += [(s.time_ns, s.human_id, s.state, s.heart_rate_bpm) for s in fusion.due() if s.time_ns > at(20)]
+        return found
+
+    assert repr(states(live=False)) == repr(states(live=True))
+    assert {(human_id, bpm) for _, human_id, _, bpm in states(live=False) if human_id == "p2"} == {("p2", 70.0)}
+    assert states(live=False)[-1][1:3] == ("p2", "calm_relaxed")
+
+
+def test_a_driver_that_ends_is_seen_without_the_graph() -> None:
+    """It says so before its topics go; in a replay they stay. What comes back later is there again."""
+
+    def seconds_of_p1(*, live: bool) -> list[int]:
+        fusion, found = Fusion(TREE), []
+        eda = StreamName("p2", "eda", "e4_1")
+        calls = [(now, partial(fusion.health, eda, at(now), True)) for now in range(40)]
+        for now in (*range(20), *range(30, 40)):
+            calls.append((now, partial(fusion.health, ECG, at(now), True)))
+            calls.append((now + 0.05, partial(fusion.rate, ECG, "features", Rate(70.0), at(now))))
+        calls.append((19.8, partial(fusion.health, ECG, at(19.8), False, ends=True)))
+        if live:
+            calls += [(19.9, partial(fusion.vanished, ECG, field)) for field in ("health", "features")]
+        for _, call in sorted(calls, key=lambda entry: entry[0]):
+            call()
+            found += [(s.time_ns - START) // SECOND_NS for s in fusion.due() if s.human_id == "p1"]
+        return [second for second in found if second != 19]  # live its data have gone with its topics
+
+    assert seconds_of_p1(live=False) == seconds_of_p1(live=True) == [*range(19), *range(30, 39)]
+
+
+def test_a_driver_that_ends_gives_its_sensor_back_to_nobody() -> None:
+    """Who wore it a moment before is no wearer for that."""
+    fusion, found = Fusion(TREE), []
+    eda, moved = StreamName("p3", "eda", "e4_1"), ECG._replace(human_id="p2")
+    for now in range(20):
+        fusion.health(eda, at(now), True)
+        if now < 10:
+            fusion.health(ECG if now < 5 else moved, at(now), True)
+        if now == 10:
+            fusion.health(moved, at(now), False, ends=True)
+        found += [(state.human_id, (state.time_ns - START) // SECOND_NS) for state in fusion.due()]
+    assert [second for human_id, second in found if human_id == "p1"] == [*range(5)]
+    assert [second for human_id, second in found if human_id == "p2"] == [*range(5, 10)]
 
 
 def test_newest_is_sorted() -> None:

@@ -96,3 +96,4 @@ def test_the_newest_naming_counts() -> None:
     """Of several sensors of one participant the newest naming counts, and a person belongs to one participant only."""
     assert newest_person_ids([("p1", "bob", 5), ("p1", "anna", 9), ("p1", "", 12)]) == {"p1": "anna"}
     assert newest_person_ids([("p1", "anna", 9), ("p2", "anna", 10)]) == {"p2": "anna"}
+    assert newest_person_ids([("p1", "anna", 9), ("unassigned", "anna", 10)]) == {"p1": "anna"}

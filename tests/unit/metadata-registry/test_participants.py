@@ -83,6 +83,16 @@ def test_a_clock_that_is_set_back_mixes_no_readings_up(tmp_path: Path, says_who:
         assert [one.read_ns for one in participants.of(human_id).readings] == [read_ns]
 
 
+def test_nothing_that_was_ends_before_it_begins(tmp_path: Path) -> None:
+    """Where the clock was set back, how long a thing lasted is not known: it ends where it began."""
+    registry = Registry(store := Store(tmp_path / "r.sqlite"))
+    for human_id, now_ns in ((ME, 1000), ("p2", 500), ("p3", 600)):
+        registry.seen(ECG._replace(human_id=human_id), "/driver_h10", "host", {"human_id": human_id}, now_ns)
+        registry.settle({"h10_1": {human_id}}, now_ns)
+    assert [(one.since_ns, one.until_ns) for one in store.past.worn()] == [(1000, 1000), (500, 600), (600, 0)]
+    assert [(one.read_ns, one.until_ns) for one in store.past.readings()] == [(1000, 1000), (500, 600), (600, 0)]
+
+
 def test_parameters_read_after_a_silent_move_are_the_new_wearer_s(tmp_path: Path) -> None:
     """A driver that does not answer when its topics move, and then as before, has been read on the one it is on now."""
     registry = Registry(store := Store(tmp_path / "r.sqlite"))
@@ -111,6 +121,20 @@ def test_a_reader_that_keeps_the_log_is_told(tmp_path: Path) -> None:
     store.close()
     Store(tmp_path / "r.sqlite").close()
     assert not any(ME.encode() in file.read_bytes() for file in tmp_path.iterdir())
+
+
+def test_a_log_that_cannot_be_emptied_is_told_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is deleted is deleted, and forgotten, also where the disk takes no more once that is written."""
+    store, registry, participants = study(tmp_path)
+    registry.settle({"h10_1": {"p2"}}, 400)
+
+    def fold() -> bool:
+        raise sqlite3.OperationalError("disk I/O error")
+
+    monkeypatch.setattr(store.past, "fold", fold)
+    assert participants.remove(ME, ()).in_log
+    assert ME not in repr(registry.sensors())
+    assert [one.human_id for one in participants.all()] == ["p2"]
 
 
 def test_a_deleted_participant_is_in_no_byte_and_brings_no_older_wearer_back(tmp_path: Path) -> None:
@@ -152,6 +176,15 @@ def test_what_others_say_of_a_deleted_participant_goes_too(tmp_path: Path) -> No
     (sensor,) = [one for one in again.sensors() if one.sensor_id == "e4_1"]
     assert (sensor.node, sensor.host, sensor.unit) == ("/withdrawn/driver_e4", "withdrawn-laptop", "uS of withdrawn")
     assert sensor.channel_names == ("eda", "withdrawn-left")
+
+
+def test_a_sensor_that_bears_the_name_is_told_also_where_only_its_past_is_known(tmp_path: Path) -> None:
+    """Its description went with who wore it last; who wore it when stays, under the name that it has."""
+    store, registry, participants = study(tmp_path)
+    registry.seen(StreamName("p3", "eda", f"{ME}_box"), "/driver_box", "host", {"human_id": "p3"}, 120)
+    participants.remove("p3", ())
+    assert participants.remove(ME, ()).left == (f"{ME}_box",)
+    assert [one.sensor_id for one in store.past.worn()] == ["h10_1", "h10_1", "h10_1", "verity_1", f"{ME}_box"]
 
 
 def test_who_still_takes_part_is_not_deleted(tmp_path: Path) -> None:

@@ -226,6 +226,16 @@ def test_illegal_person_id_is_named(tmp_path: Path) -> None:
     assert r.assign("h10_1", "p1", "a" * 100, 2).success
 
 
+def test_a_sensor_that_nobody_wears_names_no_person(tmp_path: Path) -> None:
+    """Who takes a sensor off does not say whose face it is: that would take the face from who wears another one."""
+    r = registry(tmp_path)
+    r.seen(ECG, "/d", "", PARAMETERS, 1)
+    outcome = r.assign("h10_1", "unassigned", "anna", 2)
+    assert (outcome.success, outcome.field) == (False, "person_id")
+    assert "person_id 'anna'" in outcome.message
+    assert r.wanted("h10_1") is None
+
+
 @pytest.mark.parametrize("wrong", ["sensor_id", "human_id", "person_id"])
 def test_what_is_refused_is_said_in_one_short_line(tmp_path: Path, wrong: str) -> None:
     """However long it is: every refusal is logged, and anybody on the graph may ask."""

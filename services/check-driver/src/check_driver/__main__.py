@@ -3,6 +3,7 @@
 import argparse
 import json
 import math
+import os
 import signal
 import sys
 import time
@@ -107,6 +108,25 @@ def _nothing_came(topic: str, rate_hz: float, listened_s: float, findings: Findi
         findings.wrong(2, topic, "nothing came")
 
 
+def seconds(text: str) -> float:
+    """Return how long to listen. Raises ValueError, or ArgumentTypeError where nothing would be heard."""
+    if not (given_s := float(text)) > 0:
+        raise argparse.ArgumentTypeError(f"{text} is not above 0")
+    return given_s
+
+
+def process(text: str) -> int:
+    """Return the id of a process. Raises ValueError, or ArgumentTypeError where there is none that may be stopped."""
+    pid = int(text)
+    try:
+        if pid > 0:  # 0 and below are many processes at once
+            os.kill(pid, 0)
+            return pid
+    except (OSError, OverflowError):
+        pass
+    raise argparse.ArgumentTypeError(f"{text} is no process of yours")
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Check one driver; return 0 where it keeps the contract, 1 where it does not, INTERRUPTED where nobody waited."""
     parser = argparse.ArgumentParser(
@@ -115,10 +135,14 @@ def main(arguments: list[str] | None = None) -> int:
         "interfaces/CONTRACT.md. ROS_DOMAIN_ID must be that of the driver. Status 0: nowhere; 1: departures.",
     )
     parser.add_argument("sensor_id", help="of the driver's sensor, such as h10_1")
-    parser.add_argument("--seconds", type=float, default=SECONDS, metavar="S", help="how long to listen (%(default)g)")
+    parser.add_argument(
+        "--seconds", type=seconds, default=SECONDS, metavar="S", help="how long to listen (%(default)g)"
+    )
     parser.add_argument("--wait", type=float, default=WAIT_S, metavar="S", help="for its first topic (%(default)g)")
     parser.add_argument("--human-id", default="", metavar="ID", help="also put it on this person, and back")
-    parser.add_argument("--stop-pid", type=int, default=0, metavar="PID", help="also stop this process of it for 8 s")
+    parser.add_argument(
+        "--stop-pid", type=process, default=0, metavar="PID", help="also stop this process of it for 8 s"
+    )
     parser.add_argument("--passive", action="store_true", help="only listen and ask; try no change that it must refuse")
     parser.add_argument("--json", action="store_true", help="print the findings as JSON")
     options = parser.parse_args(arguments)

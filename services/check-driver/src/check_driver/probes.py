@@ -3,6 +3,7 @@
 import os
 import signal
 import time
+from contextlib import suppress
 from typing import Any
 
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -16,6 +17,7 @@ from check_driver.parameters import ask
 from check_driver.topics import Topics
 
 MOVED_S, STOPPED_S, BACK_S = 10.0, 8.0, 30.0
+REGISTRY = "metadata_registry"
 NOTICED_S = 5.0
 """Until health says that no samples come."""
 
@@ -48,6 +50,9 @@ class Probes:
         if not back:
             self._findings.wrong(6, self._node, "does not say its human_id: its wearer is left as it is")
             return
+        if back == human_id:
+            self._findings.remark(self._node, f"{human_id} wears it already: name somebody else to see its topics move")
+            return
         before = {heard.name.sensor_type: heard for heard in self._topics.streams.values() if heard.steady}
         try:
             if self._worn(human_id, before):
@@ -78,6 +83,9 @@ class Probes:
             return all(each and each.newest_s > since_s for each in heard)
 
         came = self._line.until(there, MOVED_S)
+        if not came and (now := self._text("human_id")) not in ("", human_id):
+            self._given_back(human_id, now)
+            return False
         if not came:
             what = "raw" if any(heard.frames for heard in before.values()) else "report"
             self._findings.wrong(
@@ -88,6 +96,13 @@ class Probes:
             self._findings.wrong(6, self._node, f"human_id is {human_id} and it still publishes {left[0]}")
         self._goes_on(before, wanted)
         return bool(came)
+
+    def _given_back(self, human_id: str, now: str) -> None:
+        told = f"has taken human_id {human_id}, and says that it is {now}"
+        if REGISTRY in self._line.node.get_node_names():
+            self._findings.remark(self._node, f"{told}: an order in the {REGISTRY} stands? Assign it there")
+        else:
+            self._findings.wrong(6, self._node, told)
 
     def _left(self, human_id: str) -> list[str]:
         return [topic for topic in self._topics.published() if topic.split("/")[3] != human_id]
@@ -113,12 +128,17 @@ class Probes:
             for each in self._topics.streams.values()
             if each.steady and each.name.topic("raw" if each.frames else "device") in published
         ]
-        os.kill(pid, signal.SIGSTOP)
+        try:
+            os.kill(pid, signal.SIGSTOP)
+        except ProcessLookupError:
+            self._findings.wrong(6, self._node, f"process {pid} has ended before it was to be stopped")
+            return
         stopped_s = time.monotonic()
         try:
             self._line.until(lambda: None, STOPPED_S)
         finally:
-            os.kill(pid, signal.SIGCONT)
+            with suppress(ProcessLookupError):  # then nothing streams again, which is told
+                os.kill(pid, signal.SIGCONT)
         going_s = time.monotonic()
         for heard in (each for each in streams if each.frames):  # how long reports may be away nobody declares
             self._told(heard, stopped_s, going_s)

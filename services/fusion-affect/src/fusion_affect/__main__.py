@@ -38,7 +38,7 @@ from fusion_affect.align import ClockModel as Model
 from fusion_affect.config import Config
 from fusion_affect.fusion import Fusion
 from fusion_affect.state import Expression, State
-from fusion_affect.streams import Rate
+from fusion_affect.streams import Rate, reported
 from fusion_affect.tree import Tree, load
 
 LOOK_INTERVAL_S = 0.5
@@ -85,7 +85,7 @@ class Shell:
                 handler(parsed[0], message)
 
         def gone(topic: Topic) -> None:
-            if field != "clock" and (parsed := StreamName.parse(topic.name)):  # a model goes on without clock-sync
+            if parsed := StreamName.parse(topic.name):
                 self._fusion.vanished(*parsed)
 
         def offered(topic: Topic, profile: QoSProfile) -> None:
@@ -104,7 +104,7 @@ class Shell:
             [f"{FACES}/tracked"],
             IdsList,
             lambda topic, m: fusion.faces(m.ids, to_ns(m.header.stamp)),
-            lambda topic: None,
+            lambda topic: fusion.faces_vanished(),
         )
         self._follow_foreign(
             [f"{PERSONS}/tracked", f"{PERSONS}/known"],
@@ -171,10 +171,11 @@ class Shell:
         self._fusion.rate(name, "features", rate, self._received_ns(name, message), to_ns(message.device_timestamp))
 
     def _on_device(self, name: StreamName, message: PhysioDeviceFeature) -> None:
-        for told in message.features:
-            if told.name == "heart_rate" and len(told.values):
-                times_ns = self._received_ns(name, message), to_ns(message.device_timestamp)
-                self._fusion.rate(name, "device", Rate(told.values[-1]), *times_ns)
+        told = {each.name: each.values[-1] for each in message.features if len(each.values)}
+        if "heart_rate" not in told:
+            return
+        times_ns = self._received_ns(name, message), to_ns(message.device_timestamp)
+        self._fusion.rate(name, "device", reported(told), *times_ns)
 
     def _on_clock(self, name: StreamName, message: ClockModel) -> None:
         behind_ns = self._received_ns(name, message) - to_ns(message.header.stamp)
@@ -183,7 +184,8 @@ class Shell:
 
     def _on_health(self, name: StreamName, message: StreamHealth) -> None:
         self._hosts[name.sensor_id] = message.host
-        self._fusion.health(name, self._received_ns(name, message), message.state == StreamHealth.STREAMING)
+        streaming, ends = message.state == StreamHealth.STREAMING, message.state == StreamHealth.STOPPING
+        self._fusion.health(name, self._received_ns(name, message), streaming, ends)
 
     def _received_ns(self, name: StreamName, message: Any) -> int:
         """Return a message's receipt stamp on the reference host's clock; 0 = it bears none."""
@@ -201,7 +203,8 @@ class Shell:
         self._fusion.expression(face_id, seen, stamp_ns, receipt_ns)
 
     def _on_assignments(self, message: SensorAssignmentArray) -> None:
-        self._fusion.assignments([(a.human_id, a.person_id, to_ns(a.since)) for a in message.assignments])
+        entries = [(a.human_id, a.person_id, to_ns(a.since)) for a in message.assignments]
+        self._fusion.assignments(entries, to_ns(message.header.stamp))
 
     def _on_marker(self, message: Marker) -> None:
         self._fusion.marker(message.name, message.human_id, to_ns(message.header.stamp))

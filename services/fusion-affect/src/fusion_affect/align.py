@@ -50,7 +50,8 @@ def corrected_ns(device_ns: int, receipt_ns: int, model: ClockModel | None) -> i
 class Newest(Generic[Value]):
     """The values of one input, sorted by time; asked for rising moments only."""
 
-    KEPT = 256
+    KEPT = 1024
+    """A camera's lists of faces, 100 a second, for as long as a grid point waits (PATIENT_NS)."""
 
     def __init__(self) -> None:
         self._times_ns: list[int] = []
@@ -116,14 +117,16 @@ class Grid:
             self._awaited[source] = now_ns
             self._looks[source] = 0
 
-    def forget(self, source: str) -> None:
-        """A source has gone: nothing waits for it any more, and where it was ahead of all others time is theirs."""
+    def forget(self, source: str) -> bool:
+        """A source has gone: nothing waits for it any more. True where it was far ahead: time steps back."""
         self._awaited.pop(source, None)
         self._newest.pop(source, None)
         self._looks.pop(source, None)
         left_ns = max(self._newest.values(), default=None)
-        if left_ns is not None and self.now_ns is not None and self.now_ns - left_ns > JUMP_NS:
-            self.now_ns, self.next_ns = left_ns, -(-left_ns // SECOND_NS) * SECOND_NS
+        if left_ns is None or self.now_ns is None or self.now_ns - left_ns <= JUMP_NS:
+            return False
+        self.now_ns, self.next_ns = left_ns, -(-left_ns // SECOND_NS) * SECOND_NS
+        return True
 
     def due(self) -> list[int]:
         """The grid points to be computed now, in order; after a long pause only the newest."""

@@ -1,9 +1,11 @@
 """Everything fusion-affect knows, and the states that follow from it at every grid point; pure."""
 
+from bisect import insort
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass
 from functools import partial
+from operator import itemgetter
 
 from sense4hri.names import StreamName
 
@@ -12,7 +14,7 @@ from fusion_affect.faces import Faces
 from fusion_affect.heart_rate import Baselines, combine
 from fusion_affect.persons import People, match, newest_person_ids
 from fusion_affect.state import Expression, State, confidence, extra, indicators, missing
-from fusion_affect.streams import Rate, Streams
+from fusion_affect.streams import Rate, Streams, live_humans
 from fusion_affect.tree import Tree, decide
 
 MOST_NEWS = 1000
@@ -47,11 +49,12 @@ class Fusion:
         self._face_of: dict[str, str] = {}
         self._alias_of: dict[str, str] = {}
         self._assigned: dict[str, str] = {}
+        self._assigned_ns = 0  # from when on the newest of them holds
         self._computed: set[str] = set()  # sources that somebody computes, also before they have spoken
         self.unstamped_expressions = 0
         self._cut_ns: int | None = None  # where the next session begins, until it has begun
         self._held: list[_Input] = []  # of the next session already
-        self._news: deque[tuple[int, Callable[[], None]]] = deque()  # what has no stamp, and when it came
+        self._news: deque[tuple[int, Callable[[], None]]] = deque()  # who is who, and from when on
         self._begin()
 
     def cut_at(self, start_ns: int) -> None:
@@ -92,10 +95,11 @@ class Fusion:
         """A clock model holds for what comes after it."""
         self._streams.clock(name, model)
 
-    def health(self, name: StreamName, receipt_ns: int, streaming: bool) -> None:
-        """Health moves time on, and while its driver is streaming a stream of any type is live."""
+    def health(self, name: StreamName, receipt_ns: int, streaming: bool, ends: bool = False) -> None:
+        """Health moves time on, and while its driver is streaming a stream of any type is live, until that ends."""
         if receipt_ns:
-            self._take(_Input(f"{name} health", receipt_ns, partial(self._health_at, receipt_ns, name, streaming)))
+            put = partial(self._health_at, receipt_ns, name, streaming, ends)
+            self._take(_Input(f"{name} health", receipt_ns, put))
 
     def vanished(self, name: StreamName, field_: str) -> None:
         """A field of a stream is no longer on the graph; with the last of them the stream is forgotten."""
@@ -110,7 +114,12 @@ class Fusion:
         """The tracked faces; an unstamped list gets the time of the newest input."""
         time_ns = stamp_ns or self._grid.now_ns
         if time_ns:
-            self._take(_Input("faces", time_ns, partial(self._faces_at, time_ns, frozenset(face_ids))))
+            put = partial(self._faces_at, time_ns, frozenset(face_ids))
+            self._take(_Input("faces", time_ns, put, moves=bool(stamp_ns)))
+
+    def faces_vanished(self) -> None:
+        """Nobody lists faces any more."""
+        self._forget("faces")
 
     def expression(self, face_id: str, expression: Expression, stamp_ns: int, receipt_ns: int = 0) -> None:
         """A face's expression. Unstamped, as real recognisers send it, its receipt counts.
@@ -150,14 +159,14 @@ class Fusion:
 
     # --- what the study says
 
-    def assignments(self, entries: list[tuple[str, str, int]]) -> None:
-        """(human_id, person_id, since in ns) of every sensor."""
+    def assignments(self, entries: list[tuple[str, str, int]], stamp_ns: int = 0) -> None:
+        """(human_id, person_id, since in ns) of every sensor, from stamp_ns on; what is told later holds later."""
         assigned = newest_person_ids(entries)
 
         def learn() -> None:
             self._assigned = assigned
 
-        self._learn(learn)
+        self._assigned_ns = self._learn(learn, max(stamp_ns, self._assigned_ns))
 
     def marker(self, name: str, human_id: str, stamp_ns: int) -> None:
         """A marker, in time or late; those of a baseline concern one participant, or all where human_id is empty.
@@ -186,21 +195,33 @@ class Fusion:
                 break  # the session's own
             while self._news and self._news[0][0] <= time_ns:
                 self._news.popleft()[1]()
-            humans = self._streams.humans(time_ns, self._tree.limits.stream_live_s)
-            found += [self._state(human_id, time_ns, humans) for human_id in sorted(humans)]
+            worn = self._streams.worn(time_ns)
+            humans = live_humans(worn, time_ns, self._tree.limits.stream_live_s)
+            found += [self._state(human_id, time_ns, humans, worn) for human_id in sorted(humans)]
         return found
 
-    def _learn(self, news: Callable[[], None]) -> None:
-        """Who is who bears no stamp: it holds from the first grid point after the newest input."""
-        if self._grid.now_ns is None:
+    def _learn(self, news: Callable[[], None], from_ns: int = 0) -> int:
+        """Who is who holds from from_ns on; where it bears no stamp or one far ahead of all inputs, from the newest.
+
+        Returns from when on it holds.
+        """
+        now_ns = self._grid.now_ns
+        if now_ns is None:
             news()
-            return
-        self._news.append((self._grid.now_ns, news))
+            return 0
+        time_ns = from_ns if 0 < from_ns < now_ns + JUMP_NS else now_ns
+        insort(self._news, (time_ns, news), key=itemgetter(0))
         if len(self._news) > MOST_NEWS:  # no input moves the grid
             self._news.popleft()[1]()
+        return time_ns
 
-    def _state(self, human_id: str, time_ns: int, humans: frozenset[str]) -> State:
-        heart_rate = combine(self._streams.readings(human_id, time_ns), self._source, self._tree.limits)
+    def _learn_all(self) -> None:
+        """Time is not what it was: whatever is told of who is who holds now."""
+        while self._news:
+            self._news.popleft()[1]()
+
+    def _state(self, human_id: str, time_ns: int, humans: frozenset[str], worn: Container[tuple[str, str]]) -> State:
+        heart_rate = combine(self._streams.readings(human_id, time_ns, worn), self._source, self._tree.limits)
         baseline = self._baselines.of(human_id)
         baseline.learn(time_ns, heart_rate.bpm)
         who = match(human_id, self._people(time_ns, humans))
@@ -236,8 +257,8 @@ class Fusion:
     def _rate_at(self, name: StreamName, source: str, rate: Rate, receipt_ns: int, device_ns: int) -> None:
         self._streams.rate(name, source, rate, receipt_ns, device_ns)
 
-    def _health_at(self, time_ns: int, name: StreamName, streaming: bool) -> None:
-        if self._streams.health(name, time_ns, streaming) and f"{name} features" in self._computed:
+    def _health_at(self, time_ns: int, name: StreamName, streaming: bool, ends: bool) -> None:
+        if self._streams.health(name, time_ns, streaming, ends) and f"{name} features" in self._computed:
             self._grid.expect(f"{name} features")
 
     def _faces_at(self, time_ns: int, face_ids: frozenset[str]) -> None:
@@ -252,8 +273,7 @@ class Fusion:
         before_the_cut = given.moves and given.stamp_ns < self._floor_ns - JUMP_NS  # another recording, other sources
         if before_the_cut or self._grid.stepped_back(given.source, given.stamp_ns):  # as when a replay starts over
             self._held.clear()
-            while self._news:
-                self._news.popleft()[1]()
+            self._learn_all()
             self._begin_afresh(0)
         if given.stamp_ns < self._floor_ns:
             return
@@ -270,7 +290,9 @@ class Fusion:
 
     def _forget(self, source: str) -> None:
         """A source has gone, with what it has said of the session that is to begin."""
-        self._grid.forget(source)
+        if self._grid.forget(source):  # what bore no stamp got its time
+            self._learn_all()
+            self._faces = Faces(self._tree.limits)
         self._held = [given for given in self._held if given.source != source]
 
     def _cut(self) -> bool:

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from sense4hri.names import UNASSIGNED
+
 
 @dataclass(frozen=True)
 class People:
@@ -42,10 +44,10 @@ def match(human_id: str, people: People) -> Match:
 
 
 def newest_person_ids(assignments: list[tuple[str, str, int]]) -> dict[str, str]:
-    """human_id -> person_id from (human_id, person_id, since in ns): the newest naming counts, on both sides."""
+    """human_id -> person_id from (human_id, person_id, since in ns): of somebody the newest counts, on both sides."""
     assigned: dict[str, str] = {}
     for human_id, person_id, _ in sorted(assignments, key=lambda entry: entry[2]):
-        if not person_id:
+        if not person_id or human_id == UNASSIGNED:
             continue
         for other in [human for human, person in assigned.items() if person == person_id]:
             del assigned[other]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -19,6 +20,17 @@ class Rate(NamedTuple):
     reasons: tuple[str, ...] = ()
 
 
+def reported(values: Mapping[str, float]) -> Rate:
+    """Return what a sensor itself reports; a rate without skin contact is the last one it had, or noise."""
+    return Rate(NAN, NAN, ("no skin contact",)) if values.get("contact") == 0 else Rate(values["heart_rate"])
+
+
+def live_humans(worn: Mapping[tuple[str, str], int], time_ns: int, live_s: float) -> frozenset[str]:
+    """Return who has a sensor with a sign of life in the live_s before; one that nobody wears makes none."""
+    earliest_ns = time_ns - round(live_s * SECOND_NS)
+    return frozenset({human_id for (_, human_id), sign_ns in worn.items() if sign_ns >= earliest_ns} - {UNASSIGNED})
+
+
 @dataclass
 class Stream:
     """What has come from one stream."""
@@ -26,8 +38,10 @@ class Stream:
     rates: dict[str, Newest[Rate]] = field(default_factory=dict)
     """By source: `features` and `device`."""
     model: ClockModel | None = None
-    live_ns: dict[str, tuple[int, int]] = field(default_factory=dict)
-    """When it first and last gave a sign of life, by field."""
+    live: dict[str, Newest[None]] = field(default_factory=dict)
+    """Its signs of life, by field."""
+    ends: Newest[None] = field(default_factory=Newest)
+    """When its driver said that it leaves."""
     streaming: bool = False
     """As its driver's health said last."""
 
@@ -54,35 +68,45 @@ class Streams:
         """Place by this model what comes after it."""
         self._streams.setdefault(name, Stream()).model = model
 
-    def health(self, name: StreamName, receipt_ns: int, streaming: bool) -> bool:
+    def health(self, name: StreamName, receipt_ns: int, streaming: bool, ends: bool) -> bool:
         """Take what a driver says; return whether its stream begins."""
         stream = self._live(name, receipt_ns, "health") if streaming else self._streams.setdefault(name, Stream())
+        if ends:
+            stream.ends.put(receipt_ns, None)
         begins, stream.streaming = streaming and not stream.streaming, streaming
         return begins
 
     def vanished(self, name: StreamName, field_: str) -> None:
-        """Forget a field that is no longer on the graph; with the last of them the stream."""
+        """Forget a field that is no longer on the graph; with the last sign of life the stream.
+
+        The clock model of one that lives goes on without clock-sync.
+        """
         if stream := self._streams.get(name):
             stream.rates.pop(field_, None)
-            stream.live_ns.pop(field_, None)
-            if not stream.live_ns:
+            stream.live.pop(field_, None)
+            if not stream.live:
                 del self._streams[name]
 
-    def humans(self, time_ns: int, live_s: float) -> frozenset[str]:
-        """Return who has a stream with a sign of life in the live_s before; a sensor that nobody wears makes none."""
-        earliest_ns = time_ns - round(live_s * SECOND_NS)
-        live = {
-            name.human_id
-            for name, stream in self._streams.items()
-            if any(first_ns <= time_ns and last_ns >= earliest_ns for first_ns, last_ns in stream.live_ns.values())
-        }
-        return frozenset(live - {UNASSIGNED})
+    def worn(self, time_ns: int) -> dict[tuple[str, str], int]:
+        """Return (sensor_id, human_id) and the newest sign of life: a sensor is on whom it spoke of last."""
+        signs: dict[tuple[str, str], int] = {}
+        newest: dict[str, int] = {}
+        for name, stream in self._streams.items():
+            end_ns, _ = stream.ends.at(time_ns) or (0, None)
+            for said in stream.live.values():
+                if sign := said.at(time_ns):
+                    newest[name.sensor_id] = max(sign[0], newest.get(name.sensor_id, 0))
+                    if sign[0] > end_ns:
+                        wearer = name.sensor_id, name.human_id
+                        signs[wearer] = max(sign[0], signs.get(wearer, 0))
+        return {wearer: sign_ns for wearer, sign_ns in signs.items() if sign_ns == newest[wearer[0]]}
 
-    def readings(self, human_id: str, time_ns: int) -> list[Reading]:
-        """Return the newest heart rate of each source that a participant wears."""
+    def readings(self, human_id: str, time_ns: int, worn: Container[tuple[str, str]]) -> list[Reading]:
+        """Return the newest heart rate of each source that a participant wears. worn: as at that time."""
         readings = []
         for name, stream in self._streams.items():
-            for source, rates in stream.rates.items() if name.human_id == human_id else ():
+            wears = name.human_id == human_id and (name.sensor_id, human_id) in worn
+            for source, rates in stream.rates.items() if wears else ():
                 if newest := rates.at(time_ns):
                     age_s, rate = seconds(time_ns, newest[0]), newest[1]
                     topic = name.topic(source)
@@ -95,6 +119,5 @@ class Streams:
 
     def _live(self, name: StreamName, receipt_ns: int, source: str) -> Stream:
         stream = self._streams.setdefault(name, Stream())
-        first_ns, last_ns = stream.live_ns.get(source, (receipt_ns, receipt_ns))
-        stream.live_ns[source] = first_ns, max(receipt_ns, last_ns)
+        stream.live.setdefault(source, Newest()).put(receipt_ns, None)
         return stream

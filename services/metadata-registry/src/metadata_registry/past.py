@@ -41,12 +41,12 @@ TEXTS_OF_SENSORS = (
 """Columns that hold whatever a driver is called or told to say."""
 _WORN = """
 SELECT sensor_id, human_id, person_id, since_ns,
-    lead(since_ns, 1, 0) OVER (PARTITION BY sensor_id ORDER BY number), source, confidence
+    coalesce(max(since_ns, lead(since_ns) OVER (PARTITION BY sensor_id ORDER BY number)), 0), source, confidence
 FROM assignments WHERE confidence > 0 ORDER BY sensor_id, number
 """
 _READ = """
-SELECT sensor_id, node, read_ns, lead(read_ns, 1, 0) OVER (PARTITION BY sensor_id ORDER BY number), parameters_json,
-    human_id
+SELECT sensor_id, node, read_ns, coalesce(max(read_ns, lead(read_ns) OVER (PARTITION BY sensor_id ORDER BY number)), 0),
+    parameters_json, human_id
 FROM readings ORDER BY sensor_id, number
 """
 _FIRST = """
@@ -64,6 +64,7 @@ NEWEST_ORDERS = "SELECT max(number) FROM assignments WHERE source = 'operator' G
 class Worn:
     """Who wore a sensor from when to when (ROS time, ns; until 0: still), and who said so.
 
+    Where the clock was set back meanwhile nobody knows until when: it ends where it began.
     source: `config` (the driver's own configuration), `operator` or `association`.
     """
 
@@ -106,8 +107,8 @@ class Session:
 class Removed:
     """How many entries were taken out or changed, and what stays because only its name holds the pseudonym.
 
-    in_log: somebody who reads the database keeps its write-ahead log, which holds what was there before until the
-    registry is started anew.
+    in_log: somebody who reads the database, or a disk that takes no more, keeps its write-ahead log, which holds what
+    was there before until the registry is started anew.
     """
 
     assignments: int
@@ -222,7 +223,10 @@ class Past:
         except BaseException:
             self._db.execute("ROLLBACK")
             raise
-        return replace(removed, in_log=not self.fold())
+        try:
+            return replace(removed, in_log=not self.fold())
+        except sqlite3.Error:
+            return replace(removed, in_log=True)
 
     def fold(self) -> bool:
         """Bring what the write-ahead log holds into the file, and empty the log; False where a reader keeps it."""
@@ -231,7 +235,8 @@ class Past:
 
     def _remove(self, name: Pseudonym) -> Removed:
         ids = (name.human_id,)
-        left = [sensor_id for (sensor_id,) in self._db.execute("SELECT DISTINCT sensor_id FROM sensors ORDER BY 1")]
+        known = "SELECT sensor_id FROM sensors UNION SELECT sensor_id FROM assignments ORDER BY 1"
+        left = [sensor_id for (sensor_id,) in self._db.execute(known)]
         assignments = self._db.execute(
             f"UPDATE assignments SET human_id = '{UNASSIGNED}', person_id = '' WHERE human_id = ?", ids
         ).rowcount

@@ -60,7 +60,9 @@ class People:
         removed = self._participants.remove(human_id, self._worn_by(human_id), self._preparing)
         self._service.log.info("a participant was taken out of the registry")
         if removed.in_log:
-            self._service.log.warning("another program reads the database: start the registry anew to empty its log")
+            self._service.log.warning(
+                "another program reads the database, or the disk is full: start the registry anew to empty its log"
+            )
         self._publish()
         return removed
 

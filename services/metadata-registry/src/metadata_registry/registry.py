@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from sense4hri.names import StreamName, is_human_id, is_sensor_id
+from sense4hri.names import UNASSIGNED, StreamName, is_human_id, is_sensor_id
 from sense4hri.shapes import LONGEST_SHOWN
 
 from metadata_registry.past import MOST_ASSIGNMENTS
@@ -182,6 +182,8 @@ class Registry:
         if person_id and not _PERSON_ID.fullmatch(person_id):
             why = "letters, digits and '_', no digit first, at most 100 (or empty)"
             return Outcome(False, f"person_id {_shown(person_id)} is not legal: {why}", "person_id")
+        if person_id and human_id == UNASSIGNED:
+            return Outcome(False, f"person_id {person_id!r} cannot be '{UNASSIGNED}', who is nobody", "person_id")
         if sensor_id in self.duplicates:
             why = f"is claimed by {' and '.join(self.duplicates[sensor_id])}: give one of them another sensor_id"
             return Outcome(False, f"sensor_id {sensor_id!r} {why}", "sensor_id")
