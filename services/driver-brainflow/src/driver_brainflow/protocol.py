@@ -64,6 +64,7 @@ SCALES: Mapping[str, Mapping[str, Scale]] = {
     "GANGLION": _CYTON,
     "GANGLION_NATIVE": _CYTON,
     "UNICORN": {"accelerometer": _G, "gyroscope": _DEGREES},
+    "SHIMMER3": {"eda": Scale("uS")},
     "EMOTIBIT": {
         "accelerometer": _G,
         "gyroscope": _DEGREES,
@@ -76,8 +77,8 @@ SCALES: Mapping[str, Mapping[str, Scale]] = {
     **{f"MUSE_{model}": _MUSE for model in ("2", "S", "2016", "2_BLED", "S_BLED", "2016_BLED", "S_ATHENA")},
 }
 """What is known of the units of a board's helpers, from BrainFlow's documentation and source; else `counts`."""
-RAW_EXG = ("GFORCE_PRO", "GFORCE_DUAL")  # 8 bits without a scale; every other board's are uV
-PERCENT_UNKNOWN = ("SHIMMER3",)  # its battery row is no percentage as far as known
+RAW_EXG = ("GFORCE_PRO", "GFORCE_DUAL", "SHIMMER3")  # 8 bits, or a converter's, without a scale; all others are uV
+PERCENT_UNKNOWN = ("SHIMMER3",)  # its battery row is a converter's count
 BY_COMMAND: Mapping[str, Mapping[str, str]] = {
     "MUSE_2": {"ppg": "p50"},
     "MUSE_S": {"ppg": "p61"},
