@@ -106,6 +106,15 @@ def test_a_marker_channel_becomes_a_marker(recording):
     assert marked.device_ns == pytest.approx((BEGUN_S + MARKED / FS_HZ) * 1e9, abs=2000)
 
 
+def test_a_battery_that_the_board_has_not_told_yet_is_no_empty_one():
+    """BrainFlow's row of it holds 0 until the board sends its charge: a Muse S Athena every 10 s, an EmotiBit never."""
+    table = description("MUSE_S_ATHENA")["ancillary"]
+    reader, rows = board("MUSE_S_ATHENA")._reader("ancillary"), np.zeros((table["num_rows"], 2))
+    assert not [item for item in reader.items(rows, 1, 1.0) if isinstance(item, Status)]
+    rows[table["battery_channel"]] = 0, 83
+    assert [item for item in reader.items(rows, 1, 1.2) if isinstance(item, Status)] == [Status(battery_percent=83.0)]
+
+
 def test_played_as_if_live_it_has_no_device_time(recording):
     """With new stamps the playback is a board like any other: no clock, stamped on this host when it came."""
     device = board("PLAYBACK_FILE", master_board="CYTON", file=str(recording[0]), recorded_times=False)

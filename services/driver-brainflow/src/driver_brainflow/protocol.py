@@ -188,7 +188,7 @@ class Reader:
                 names = source.stream.channel_names
                 yield Samples(sensor_type, Chunk(names, samples, device_ns, stamp_ns), lost=lost)
         yield from self._marked(rows, stamps_s, received_ns)
-        if self._battery is not None and 0 <= rows[self._battery, -1] <= 100:
+        if self._battery is not None and 0 < rows[self._battery, -1] <= 100:
             yield Status(battery_percent=float(rows[self._battery, -1]))
 
     def _before(self, rows: NDArray[np.float64], stamps_s: NDArray[np.float64], polled_s: float) -> NDArray[np.int64]:
