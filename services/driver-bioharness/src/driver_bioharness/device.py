@@ -46,7 +46,8 @@ class BioHarness:
                         yield item
                 if time.monotonic() > alive_s + LIFESIGN_S:
                     alive_s = time.monotonic()
-                    port.write(protocol.encode(Kind.LIFESIGN))
+                    with suppress(DeviceLost):  # reading finds it again, after what has come
+                        port.write(protocol.encode(Kind.LIFESIGN))
 
     @asynccontextmanager
     async def _enabled(self, port: Port) -> AsyncIterator[None]:
