@@ -4,6 +4,7 @@ import asyncio
 import gc
 import threading
 import time
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 import numpy as np
@@ -198,6 +199,27 @@ def test_a_board_whose_count_means_nothing_known_loses_an_unknown_number(recordi
     assert device._reader("default", FS_HZ)._missing is None
 
 
+@asynccontextmanager
+async def shimmer(path: Path, carry=lambda packet, **_: packet):
+    """A virtual Shimmer3 at 64 Hz, of skin conductance and ECG, on a serial port; gives the port."""
+    body, begun_s = Body(Heart(1), Skin(1), stored(), Wearing()), time.monotonic()
+    virtual = VirtualShimmer(body, Memory(divider=512, sensors=0x00001C, gsr_range=4), carry)
+    wire = Pty(path, lambda octets: wire.write(virtual.receive(octets, time.monotonic() - begun_s)))
+
+    async def send() -> None:
+        while True:
+            await asyncio.sleep(0.02)
+            wire.write(virtual.send(time.monotonic() - begun_s))
+
+    wire.plug()
+    sending = asyncio.create_task(send())
+    try:
+        yield str(path.resolve())
+    finally:
+        sending.cancel()
+        wire.unplug()
+
+
 def test_a_board_that_samples_at_another_rate_than_its_table_s_is_declared_at_its_own(tmp_path):
     """A Shimmer3 keeps its rate, and `commands` may set one: BrainFlow's table says 512 Hz, this one does 64 or 128.
 
@@ -209,36 +231,32 @@ def test_a_board_that_samples_at_another_rate_than_its_table_s_is_declared_at_it
         sent.append(int.from_bytes(packet[7:10], "big", signed=True))
         return packet
 
-    async def listen(**given) -> tuple[list, list[int]]:
+    async def listen(commands: tuple[str, ...]) -> list:
+        async with shimmer(tmp_path / "shimmer", carry) as port:
+            device = board("SHIMMER3", serial_port=port, streams=("ecg", "eda"), commands=commands)
+            return await taken(device, lambda items: count(items, "eda") >= 10)
+
+    for commands, rate_hz in (((), 64.0), (("sampling_rate:128",), 128.0)):
         sent.clear()
-        body = Body(Heart(1), Skin(1), stored(), Wearing())
-        virtual = VirtualShimmer(body, Memory(divider=512, sensors=0x00001C, gsr_range=4), carry)
-        path, begun_s = tmp_path / "shimmer", time.monotonic()
-        wire = Pty(path, lambda octets: wire.write(virtual.receive(octets, time.monotonic() - begun_s)))
-
-        async def send() -> None:
-            while True:
-                await asyncio.sleep(0.02)
-                wire.write(virtual.send(time.monotonic() - begun_s))
-
-        wire.plug()
-        sending = asyncio.create_task(send())
-        try:
-            device = board("SHIMMER3", serial_port=str(path.resolve()), streams=("ecg", "eda"), **given)
-            return await taken(device, lambda items: count(items, "eda") >= 10), list(sent)
-        finally:
-            sending.cancel()
-            wire.unplug()
-
-    for given, rate_hz in (({}, 64.0), ({"commands": ("sampling_rate:128",)}, 128.0)):
-        items, counts = asyncio.run(listen(**given))
+        items = asyncio.run(listen(commands))
         assert isinstance(items[1], Declared)
         assert {name: each.sampling_frequency_hz for name, each in items[1].streams.items()} == {
             "ecg": rate_hz,
             "eda": rate_hz,
         }
         came = np.concatenate([each.chunk.samples[:, 0] for each in samples_of(items, "ecg")])
-        assert came.tolist() == counts[: len(came)]
+        assert came.tolist() == sent[: len(came)]
+
+
+def test_a_command_that_a_board_refuses_is_said_as_that(tmp_path):
+    """The parameter and the command, not how the board is connected."""
+
+    async def listen() -> None:
+        async with shimmer(tmp_path / "shimmer") as port:
+            await taken(board("SHIMMER3", serial_port=port, commands=("louder",)), bool)
+
+    with pytest.raises(ConfigError, match="commands: SHIMMER3 refuses 'louder'"):
+        asyncio.run(listen())
 
 
 @pytest.mark.parametrize(
