@@ -123,6 +123,26 @@ def test_a_battery_that_the_board_has_not_told_yet_is_no_empty_one():
     assert [item for item in reader.items(rows, 1, 1.2) if isinstance(item, Status)] == [Status(battery_percent=83.0)]
 
 
+@pytest.mark.parametrize(("behind_s", "is_receipt"), [(0.05, True), (60.0, False), (-60.0, False)])
+def test_what_is_fetched_late_is_stamped_as_it_came(behind_s, is_receipt):
+    """A poll a second after the last one, or a stall: a marker and a loss at its beginning keep their own stamps.
+
+    Stamps of a board's own clock, by which the newest sample came long ago or has not come yet, are no receipts.
+    """
+    table, received_s = description("CYTON")["default"], 1_700_000_000.0
+    numbers = np.delete(np.arange(376), 10)
+    rows = np.zeros((table["num_rows"], len(numbers)))
+    rows[table["package_num_channel"]] = numbers % 256
+    rows[table["timestamp_channel"]] = stamps_s = received_s - behind_s - (375 - numbers) / FS_HZ
+    rows[table["marker_channel"], 2] = 7
+    items = list(board("CYTON", serial_port="-")._reader("default", FS_HZ).items(rows, int(received_s * 1e9), 1.0))
+    (marker,) = [item.event_ns for item in items if isinstance(item, Marked)]
+    stamps = [marker, *(each.chunk.received_ns for each in samples_of(items, "eeg"))]
+    assert stamps == pytest.approx(
+        [s * 1e9 for s in stamps_s[[2, 9, -1]]] if is_receipt else [received_s * 1e9] * 3, 1e-15
+    )
+
+
 def test_played_as_if_live_it_has_no_device_time(recording):
     """With new stamps the playback is a board like any other: no clock, stamped on this host when it came."""
     device = board("PLAYBACK_FILE", master_board="CYTON", file=str(recording[0]), recorded_times=False)
