@@ -25,7 +25,7 @@ def test_a_captured_frame():
 
 
 def test_what_a_real_belt_sent_is_not_outside_the_range_that_is_declared():
-    """It sends less than 0 N; a belt at an end of its range is taken for a saturated one, and no breath is told of it."""
+    """It sends less than 0 N; a belt at an end of its range is taken for a saturated one, which tells of no breath."""
     (frame,) = Frames().take(CAPTURED)
     declared = streams_of(Config(sensor_id="belt_1", name="GDX-RB 0K1002A1"))["respiration"]
     force = decode(frame).values[FORCE]
