@@ -216,6 +216,16 @@ def test_midnight_is_no_gap():
     assert set(steps.tolist()) == {252_000_000}
 
 
+def test_a_strap_s_heart_is_told_under_ecg_whatever_is_sampled():
+    """As the contract has it (section 5); a rate of respiration under its own type, too."""
+    items = ran(virtual_link(strap()), 20, streams=("accelerometer",))
+    under = {
+        feature.name: each.sensor_type for each in items if isinstance(each, Reported) for feature in each.features
+    }
+    wanted = {"heart_rate": "ecg", "rr_interval": "ecg", "respiration_rate": "respiration", "posture": "accelerometer"}
+    assert wanted.items() <= under.items()
+
+
 def test_intervals_are_the_hearts_and_each_comes_once():
     """R-R intervals are those between the beats."""
     items = ran(virtual_link(strap()), 30)
