@@ -2,7 +2,7 @@
 
 import asyncio
 import datetime
-from contextlib import aclosing
+from contextlib import aclosing, asynccontextmanager
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,9 @@ from driver_bioharness.protocol import SHAPES, Kind, Message
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pure_link import PureLink
+from sense4hri.arrivals import Arrival, Arrivals
 from sense4hri.device import Identity, Reported, Samples, Status
-from sense4hri.errors import FrameError
+from sense4hri.errors import DeviceLost, FrameError
 from sense4hri.sample_clock import SampleClock
 from sense4hri.stamps import SECOND_NS
 from sensor_bench.bioharness.firmware import UV_PER_COUNT, VirtualBioHarness, Worn, message, packed
@@ -178,11 +179,51 @@ def test_a_packet_that_came_twice_is_counted_as_one(kind, samples):
     assert clock.duplicates_total == 1
 
 
+def test_what_came_before_the_link_broke_is_handed_on():
+    """The sign of life cannot be written any more; two packets that came before wait to be read, then the end."""
+    config, arrivals = BioHarnessConfig(sensor_id="strap_1", port="/dev/rfcomm0"), Arrivals[bytes]()
+    head, found = (2026).to_bytes(2, "little") + bytes([11, 22]), list[Any]()
+    for number in range(2):
+        content = bytes([number]) + head + (252 * number).to_bytes(4, "little") + packed([512] * 63)
+        arrivals.put(Arrival(10**18, message(Kind.ECG, content)))
+    arrivals.fail(DeviceLost("hung up"))
+
+    class Broken:
+        gather_s, enough = 0.0, 0
+
+        def write(self, octets: bytes) -> None:
+            if octets[1] == Kind.LIFESIGN:
+                raise DeviceLost("the link broke")
+
+    @asynccontextmanager
+    async def connect():
+        yield Broken(), arrivals
+
+    async def run() -> None:
+        async with aclosing(BioHarness(config, streams_of(config), connect).stream()) as items:
+            async for item in items:
+                found.append(item)
+
+    with pytest.raises(DeviceLost, match="hung up"):
+        asyncio.run(run())
+    assert len(samples(found, "ecg")) == 2
+
+
 def test_midnight_is_no_gap():
     """The ms of the day begin at 0 again, the date goes on."""
     items = ran(virtual_link(strap(begins="2026-12-31T23:59:55")), 12)
     steps = np.diff([each.chunk.device_ns for each in samples(items, "ecg")])
     assert set(steps.tolist()) == {252_000_000}
+
+
+def test_a_strap_s_heart_is_told_under_ecg_whatever_is_sampled():
+    """As the contract has it (section 5); a rate of respiration under its own type, too."""
+    items = ran(virtual_link(strap()), 20, streams=("accelerometer",))
+    under = {
+        feature.name: each.sensor_type for each in items if isinstance(each, Reported) for feature in each.features
+    }
+    wanted = {"heart_rate": "ecg", "rr_interval": "ecg", "respiration_rate": "respiration", "posture": "accelerometer"}
+    assert wanted.items() <= under.items()
 
 
 def test_intervals_are_the_hearts_and_each_comes_once():

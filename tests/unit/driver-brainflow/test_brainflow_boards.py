@@ -4,6 +4,7 @@ import asyncio
 import gc
 import threading
 import time
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,15 @@ import pytest
 from driver_brainflow.config import BrainflowConfig, streams_of
 from driver_brainflow.device import Board
 from driver_brainflow.transport import Rows, Session, description
-from sense4hri.device import Identity, Marked, Samples, Status
+from sense4hri.device import Declared, Identity, Marked, Samples, Status
 from sense4hri.errors import ConfigError, DeviceLost
+from sensor_bench.shimmer.body import Body
+from sensor_bench.shimmer.firmware import Memory, VirtualShimmer
+from sensor_bench.signals.hearts import Heart
+from sensor_bench.signals.skin import Skin
+from sensor_bench.signals.sources import Wearing
+from sensor_bench.signals.waveforms import stored
+from sensor_bench.wire import Pty
 
 FS_HZ, SAMPLES, BEGUN_S = 250.0, 600, 1_700_000_000.0
 LOST = range(200, 203)
@@ -100,10 +108,39 @@ def test_a_marker_channel_becomes_a_marker(recording):
 
     Read here without BrainFlow, whose playback puts zeros there.
     """
-    reader = board("PLAYBACK_FILE", master_board="CYTON", file="-")._reader("default")
+    reader = board("PLAYBACK_FILE", master_board="CYTON", file="-")._reader("default", FS_HZ)
     (marked,) = [item for item in reader.items(recording[1], 1, 1.0) if isinstance(item, Marked)]
     assert (marked.name, marked.value) == ("marker", "7")
     assert marked.device_ns == pytest.approx((BEGUN_S + MARKED / FS_HZ) * 1e9, abs=2000)
+
+
+def test_a_battery_that_the_board_has_not_told_yet_is_no_empty_one():
+    """BrainFlow's row of it holds 0 until the board sends its charge: a Muse S Athena every 10 s, an EmotiBit never."""
+    table = description("MUSE_S_ATHENA")["ancillary"]
+    reader, rows = board("MUSE_S_ATHENA")._reader("ancillary", 64.0), np.zeros((table["num_rows"], 2))
+    assert not [item for item in reader.items(rows, 1, 1.0) if isinstance(item, Status)]
+    rows[table["battery_channel"]] = 0, 83
+    assert [item for item in reader.items(rows, 1, 1.2) if isinstance(item, Status)] == [Status(battery_percent=83.0)]
+
+
+@pytest.mark.parametrize(("behind_s", "is_receipt"), [(0.05, True), (60.0, False), (-60.0, False)])
+def test_what_is_fetched_late_is_stamped_as_it_came(behind_s, is_receipt):
+    """A poll a second after the last one, or a stall: a marker and a loss at its beginning keep their own stamps.
+
+    Stamps of a board's own clock, by which the newest sample came long ago or has not come yet, are no receipts.
+    """
+    table, received_s = description("CYTON")["default"], 1_700_000_000.0
+    numbers = np.delete(np.arange(376), 10)
+    rows = np.zeros((table["num_rows"], len(numbers)))
+    rows[table["package_num_channel"]] = numbers % 256
+    rows[table["timestamp_channel"]] = stamps_s = received_s - behind_s - (375 - numbers) / FS_HZ
+    rows[table["marker_channel"], 2] = 7
+    items = list(board("CYTON", serial_port="-")._reader("default", FS_HZ).items(rows, int(received_s * 1e9), 1.0))
+    (marker,) = [item.event_ns for item in items if isinstance(item, Marked)]
+    stamps = [marker, *(each.chunk.received_ns for each in samples_of(items, "eeg"))]
+    assert stamps == pytest.approx(
+        [s * 1e9 for s in stamps_s[[2, 9, -1]]] if is_receipt else [received_s * 1e9] * 3, 1e-15
+    )
 
 
 def test_played_as_if_live_it_has_no_device_time(recording):
@@ -133,15 +170,15 @@ def test_the_synthetic_board_streams_again_and_again():
 
 def test_an_attempt_that_ends_late_does_not_let_go_of_what_a_later_one_opened():
     """BrainFlow knows a board by its name and inputs alone: who did not open it, or has let go of it, leaves it."""
-    rates_hz, presets = {"default": description("SYNTHETIC")["default"]["sampling_rate"]}, ("default",)
+    presets = ("default",)
     config = BrainflowConfig(sensor_id="it_1", board="SYNTHETIC")
     early, later, last = (Session(config.board, config.inputs, (), config.verbose) for _ in range(3))
-    early.open(rates_hz)
+    early.open(presets)
     early.close(lost=False)
-    later.open(rates_hz)
+    later.open(presets)
     try:
         with pytest.raises(DeviceLost):
-            last.open(rates_hz)
+            last.open(presets)
         last.close(lost=False)
         early.close(lost=False)
         assert any(later.read(presets, 0.05) for _ in range(100))
@@ -151,10 +188,10 @@ def test_an_attempt_that_ends_late_does_not_let_go_of_what_a_later_one_opened():
 
 def test_an_attempt_that_is_forgotten_leaves_what_a_later_one_opened():
     """BrainFlow's Python object releases its board's session when it is collected, whoever opened it by then."""
-    rates_hz, presets = {"default": description("SYNTHETIC")["default"]["sampling_rate"]}, ("default",)
+    presets = ("default",)
     config = BrainflowConfig(sensor_id="it_1", board="SYNTHETIC")
     early, later = (Session(config.board, config.inputs, (), config.verbose) for _ in range(2))
-    later.open(rates_hz)
+    later.open(presets)
     try:
         del early
         gc.collect()
@@ -168,7 +205,7 @@ def test_a_search_that_never_ends_ends_the_driver(monkeypatch):
     free = threading.Event()
     monkeypatch.setattr("driver_brainflow.device.OPEN_S", 0.05)
     monkeypatch.setattr("driver_brainflow.device.SLOW_S", 0.05)
-    monkeypatch.setattr(Session, "open", lambda self, rates_hz: free.wait(60))
+    monkeypatch.setattr(Session, "open", lambda self, presets: free.wait(60))
     try:
         with pytest.raises(RuntimeError, match=r"neither found SYNTHETIC nor given up in 0\.05 s"):
             asyncio.run(taken(board("SYNTHETIC"), len))
@@ -179,7 +216,67 @@ def test_a_search_that_never_ends_ends_the_driver(monkeypatch):
 def test_a_board_whose_count_means_nothing_known_loses_an_unknown_number(recording):
     """Where BrainFlow's number is not established, `lost` is None, never 0."""
     device = board("PLAYBACK_FILE", master_board="CYTON_DAISY_WIFI", file=str(recording[0]))
-    assert device._reader("default")._missing is None
+    assert device._reader("default", FS_HZ)._missing is None
+
+
+@asynccontextmanager
+async def shimmer(path: Path, carry=lambda packet, **_: packet):
+    """A virtual Shimmer3 at 64 Hz, of skin conductance and ECG, on a serial port; gives the port."""
+    body, begun_s = Body(Heart(1), Skin(1), stored(), Wearing()), time.monotonic()
+    virtual = VirtualShimmer(body, Memory(divider=512, sensors=0x00001C, gsr_range=4), carry)
+    wire = Pty(path, lambda octets: wire.write(virtual.receive(octets, time.monotonic() - begun_s)))
+
+    async def send() -> None:
+        while True:
+            await asyncio.sleep(0.02)
+            wire.write(virtual.send(time.monotonic() - begun_s))
+
+    wire.plug()
+    sending = asyncio.create_task(send())
+    try:
+        yield str(path.resolve())
+    finally:
+        sending.cancel()
+        wire.unplug()
+
+
+def test_a_board_that_samples_at_another_rate_than_its_table_s_is_declared_at_its_own(tmp_path):
+    """A Shimmer3 keeps its rate, and `commands` may set one: BrainFlow's table says 512 Hz, this one does 64 or 128.
+
+    Its electrodes' counts come as the converter sent them.
+    """
+    sent: list[int] = []
+
+    def carry(packet: bytes, **_: int) -> bytes:
+        sent.append(int.from_bytes(packet[7:10], "big", signed=True))
+        return packet
+
+    async def listen(commands: tuple[str, ...]) -> list:
+        async with shimmer(tmp_path / "shimmer", carry) as port:
+            device = board("SHIMMER3", serial_port=port, streams=("ecg", "eda"), commands=commands)
+            return await taken(device, lambda items: count(items, "eda") >= 10)
+
+    for commands, rate_hz in (((), 64.0), (("sampling_rate:128",), 128.0)):
+        sent.clear()
+        items = asyncio.run(listen(commands))
+        assert isinstance(items[1], Declared)
+        assert {name: each.sampling_frequency_hz for name, each in items[1].streams.items()} == {
+            "ecg": rate_hz,
+            "eda": rate_hz,
+        }
+        came = np.concatenate([each.chunk.samples[:, 0] for each in samples_of(items, "ecg")])
+        assert came.tolist() == sent[: len(came)]
+
+
+def test_a_command_that_a_board_refuses_is_said_as_that(tmp_path):
+    """The parameter and the command, not how the board is connected."""
+
+    async def listen() -> None:
+        async with shimmer(tmp_path / "shimmer") as port:
+            await taken(board("SHIMMER3", serial_port=port, commands=("louder",)), bool)
+
+    with pytest.raises(ConfigError, match="commands: SHIMMER3 refuses 'louder'"):
+        asyncio.run(listen())
 
 
 @pytest.mark.parametrize(
@@ -210,7 +307,7 @@ def test_a_muse_is_missed_sooner_once_it_has_sent(monkeypatch):
 
     monkeypatch.setattr("driver_brainflow.device.SILENCE_S", 5.0)
     monkeypatch.setattr("driver_brainflow.device.MUSE_SILENCE_S", 0.3)
-    monkeypatch.setattr(Session, "open", lambda self, rates_hz: None)
+    monkeypatch.setattr(Session, "open", lambda self, presets: dict.fromkeys(presets, 256.0))
     monkeypatch.setattr(Session, "read", read)
     monkeypatch.setattr(Session, "close", lambda self, lost: closed.append(lost))
     with pytest.raises(DeviceLost, match=r"no samples for 0\.3 s"):

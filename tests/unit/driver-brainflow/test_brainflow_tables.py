@@ -44,6 +44,12 @@ def test_a_cyton_by_hand():
     assert (accelerometer.factor, accelerometer.stream.unit) == (9.80665, "m/s^2")
 
 
+def test_a_shimmer_by_hand():
+    """BrainFlow hands out the counts of a Shimmer3's electrodes as they are, and converts its skin conductance."""
+    streams = streams_of(config("SHIMMER3"))
+    assert (streams["ecg"].unit, streams["eda"].unit) == ("counts", "uS")
+
+
 def test_a_muse_has_three_rates_and_ppg_when_asked():
     """A Muse 2 samples EEG at 256 Hz, motion at 52; PPG at 64 only where the study wants it, by a command."""
     asked = config("MUSE_2", streams=("eeg", "gyroscope", "ppg"))

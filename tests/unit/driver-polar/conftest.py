@@ -10,6 +10,7 @@ from driver_polar.session import PMD_CONTROL, PMD_DATA
 from sense4hri import gatt
 from sense4hri.errors import DeviceLost
 
+SDK_MODE = 9
 H10_SETTINGS = {
     0x00: bytes.fromhex("00018200 01010e00"),
     0x02: bytes.fromhex("0004190032006400c800 01011000 0203020004000800"),
@@ -119,6 +120,8 @@ class FakeSensor:
             whole = (self.sdk_settings if op == 4 else self.settings)[kind]
             pages = [whole[at : at + self.page_bytes] for at in range(0, len(whole), self.page_bytes)]
             return [bytes([0xF0, op, kind, 0, page is not pages[-1]]) + page for page in pages]
+        if kind == SDK_MODE and self.running - {SDK_MODE}:  # not while anything streams
+            return [bytes([0xF0, op, kind, 12, 0])]
         was_running = kind in self.running
         if op == 2:
             self.running.add(kind)

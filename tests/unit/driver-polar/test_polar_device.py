@@ -74,6 +74,18 @@ def scenario(steps: Callable[[], Awaitable[None]]) -> None:
     asyncio.run(asyncio.wait_for(steps(), 2 * DEADLINE_S))
 
 
+def sends_until_stopped(sensor) -> Callable[[bytes], list[bytes]]:
+    """The answers of a sensor that sends one more sample of acceleration just as that is stopped."""
+    answers = sensor.answers
+
+    def answered(command: bytes) -> list[bytes]:
+        if command.hex() == "0302" and 2 in sensor.running:
+            sensor.link.data(frame(2, struct.pack("<3h", 1, 0, 0), 0x80))
+        return answers(command)
+
+    return answered
+
+
 def started(sensor, *kinds: int) -> Callable[[], bool]:
     return lambda: sensor.running >= set(kinds) and len(sensor.link.receivers) >= 2
 
@@ -170,6 +182,22 @@ def test_sdk_mode_is_entered_first_and_left_last(verity) -> None:
 
     scenario(steps)
     assert verity.log == ["0209", "0401", "02010001b000010116000401" + "04", "0301", "0309", "disconnected"]
+
+
+@pytest.mark.parametrize("sdk_mode", [True, False])
+def test_sdk_mode_is_changed_though_a_killed_driver_has_left_something_running(verity, sdk_mode) -> None:
+    """That keeps the mode as it is: it is stopped first, and what it sent is not scaled by a factor of ours."""
+    verity.running = {2} if sdk_mode else {2, 9}
+    verity.answers = sends_until_stopped(verity)
+
+    async def steps() -> None:
+        session = Session(polar(verity, model="VeritySense", sdk_mode=sdk_mode, streams=("accelerometer",)))
+        await session.until(lambda: session.of(FrameError))
+        assert verity.running == ({2, 9} if sdk_mode else {2})
+        assert [str(each) for each in session.of(FrameError)] == ["ACCELERATION frame from before it was started"]
+        await session.stop()
+
+    scenario(steps)
 
 
 def test_a_device_without_sdk_mode_says_so(verity) -> None:
@@ -274,14 +302,7 @@ def test_a_stream_left_running_is_stopped_and_started_anew(h10) -> None:
 def test_what_a_stream_left_running_sent_before_it_is_started_anew_is_not_scaled(verity) -> None:
     """Its settings, and so its factor, are unknown: those frames are handed on as errors, the next as samples."""
     verity.running.add(2)
-    answers = verity.answers
-
-    def streams_until_stopped(command: bytes) -> list[bytes]:
-        if command.hex() == "0302":
-            verity.link.data(frame(2, struct.pack("<3h", 1, 0, 0), 0x80))
-        return answers(command)
-
-    verity.answers = streams_until_stopped
+    verity.answers = sends_until_stopped(verity)
 
     async def steps() -> None:
         session = Session(polar(verity, model="VeritySense", streams=("accelerometer",)))

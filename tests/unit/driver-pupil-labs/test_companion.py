@@ -249,6 +249,24 @@ def test_a_neon_s_imu_is_three_streams_at_its_own_rate():
     assert np.linalg.norm(samples.chunk.samples, axis=1) == pytest.approx(9.80665, abs=1e-4)
 
 
+def test_what_carries_its_own_time_waits_for_no_report(monkeypatch):
+    """A packet of the IMU or an eye event before the first sender report is taken; of gaze nobody knows the time.
+
+    Gaze whose time nobody ever learns is as good as none: lost.
+    """
+    monkeypatch.setattr(rtp, "report", lambda octets: None)
+    monkeypatch.setattr(companion_device, "SILENCE_S", 4.0)
+    got = []
+
+    async def listen():
+        async with running() as server, aclosing(device(server.port).stream()) as items:
+            await until(items, got.append)
+
+    with pytest.raises(DeviceLost, match="no gaze for 4 s"):
+        asyncio.run(asyncio.wait_for(listen(), DEADLINE_S))
+    assert {item.sensor_type for item in got if isinstance(item, Samples)} == set(IMU)
+
+
 def test_a_neon_s_links_are_waited_for_together_and_not_for_each_packet(monkeypatch):
     """Three links with 310 packets a second are read at most at every MESSAGE_S, at the same moments."""
     reads_s, read = [], stamped.read
@@ -263,6 +281,16 @@ def test_a_neon_s_links_are_waited_for_together_and_not_for_each_packet(monkeypa
     assert 10 < len(reads_s) <= 3 * len(frames)
 
 
+def until_stamped(link, sender):
+    """The kernel stamps from some moment on after the first socket of the machine has asked it to (net/core/dev.c)."""
+    deadline_s, told = time.monotonic() + DEADLINE_S, []
+    while not told:
+        assert time.monotonic() < deadline_s, "the kernel stamps nothing"
+        sender.sendall(b"-")
+        select.select([link], [], [], DEADLINE_S)
+        _, told, _, _ = link.recvmsg(1, socket.CMSG_SPACE(stamped.TIME.size))
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems stamp nothing")
 def test_what_is_read_late_is_stamped_as_it_came():
     """The receipt is that of the last octets, as the kernel took them, and not that of the read."""
@@ -275,6 +303,7 @@ def test_what_is_read_late_is_stamped_as_it_came():
     link, sender = asyncio.run(connect())
     with link, sender:
         assert stamped.read(link) is None
+        until_stamped(link, sender)
         sender.sendall(b"ab")
         before_ns = time.time_ns()
         sender.sendall(b"cd")

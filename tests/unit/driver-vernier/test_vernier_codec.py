@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from driver_vernier import protocol
+from driver_vernier.config import Config, streams_of
 from driver_vernier.protocol import FORCE, RESPIRATION_RATE, Frames, Losses, Measured, Response, decode
 from sense4hri.errors import FrameError
 from sensor_bench.vernier.firmware import Commands, measurement, sealed
@@ -21,6 +22,14 @@ def test_a_captured_frame():
     assert measured.counter == 207
     assert measured.values[FORCE] == pytest.approx([-0.5294571, -0.5320053], abs=1e-6)
     assert np.isnan(measured.values[RESPIRATION_RATE]).all()
+
+
+def test_what_a_real_belt_sent_is_not_outside_the_range_that_is_declared():
+    """It sends less than 0 N; a belt at an end of its range is taken for a saturated one, which tells of no breath."""
+    (frame,) = Frames().take(CAPTURED)
+    declared = streams_of(Config(sensor_id="belt_1", name="GDX-RB 0K1002A1"))["respiration"]
+    force = decode(frame).values[FORCE]
+    assert not ((force <= declared.range_min) | (force >= declared.range_max)).any()
 
 
 def test_a_captured_answer():

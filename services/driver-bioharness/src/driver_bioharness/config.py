@@ -52,6 +52,11 @@ class BioHarnessConfig(DriverConfig):
         if not self.streams or len(set(self.streams)) < len(self.streams):
             raise ValueError(f"streams {list(self.streams)}: at least one, each at most once")
 
+    @property
+    def reported_types(self) -> tuple[str, ...]:
+        """Return what a summary is told under, also where it is not sampled."""
+        return tuple(STREAMS)
+
 
 def streams_of(config: BioHarnessConfig) -> dict[str, Stream]:
     """Return what the driver declares of each raw stream."""

@@ -46,7 +46,8 @@ class BioHarness:
                         yield item
                 if time.monotonic() > alive_s + LIFESIGN_S:
                     alive_s = time.monotonic()
-                    port.write(protocol.encode(Kind.LIFESIGN))
+                    with suppress(DeviceLost):  # reading finds it again, after what has come
+                        port.write(protocol.encode(Kind.LIFESIGN))
 
     @asynccontextmanager
     async def _enabled(self, port: Port) -> AsyncIterator[None]:
@@ -115,11 +116,7 @@ class BioHarness:
                 at_ns = packet.first_ns + number * RR_STEP_NS
             self._rr_ms = rr_ms or self._rr_ms
         if found:
-            yield Reported(self._beside("ecg"), received_ns, at_ns, (Feature("rr_interval", "ms", tuple(found)),))
-
-    def _beside(self, sensor_type: str) -> str:
-        """Return the sampled stream beside which a value is reported."""
-        return sensor_type if sensor_type in self._config.streams else self._config.streams[0]
+            yield Reported("ecg", received_ns, at_ns, (Feature("rr_interval", "ms", tuple(found)),))
 
     def _summary(self, packet: Packet, received_ns: int) -> Iterator[Item]:
         summary = protocol.decode_summary(packet.octets)
@@ -139,4 +136,4 @@ class BioHarness:
         for sensor_type, values in told.items():
             known = tuple(Feature(name, unit, (value,)) for name, unit, value in values if value is not None)
             if known:
-                yield Reported(self._beside(sensor_type), received_ns, packet.first_ns, known)
+                yield Reported(sensor_type, received_ns, packet.first_ns, known)

@@ -60,6 +60,7 @@ class Missing:
         self._rounds = Rounds(numbering.period, self._per_s)
         self._last: tuple[float, float] | None = None
         self._polled_s = math.inf
+        self._repeated = False  # a number came twice: the sample did, or a whole round went by between the two
 
     def before(self, numbers: NDArray[np.float64], stamps_s: NDArray[np.float64], polled_s: float) -> NDArray[np.int64]:
         """Return how many samples are missing before each sample; numbers and stamps of each, shape (n,).
@@ -76,11 +77,13 @@ class Missing:
         if afresh.any():
             self._rounds.forget()
         rounds = self._rounds.unseen(int(moved.sum()), polled_s)
+        self._repeated |= samples == 1 and not moved.all()
         missing = np.maximum(moved // step - 1, 0) * samples
         missing[afresh] = 0
         if not known:
             missing[0] = 0
-        missing[0] += rounds * period // step * samples * skips
+        missing[0] += max(0, rounds * period // step - self._repeated) * samples * skips
+        self._repeated &= self._rounds.behind
         return missing
 
 
@@ -98,6 +101,11 @@ class Rounds:
         """Begin anew, with the next numbers."""
         self._count, self._polled_s, self._best = 0, math.nan, -math.inf
         self._since_s, self._least = math.inf, math.inf
+
+    @property
+    def behind(self) -> bool:
+        """Whether rounds may have gone by that are not told yet."""
+        return self._since_s < math.inf
 
     def unseen(self, moved: int, polled_s: float) -> int:
         """Return the rounds that are now known to be missing. moved: numbers since the last poll that had any."""

@@ -4,10 +4,11 @@ import asyncio
 import atexit
 import os
 from collections.abc import AsyncGenerator, Mapping
+from dataclasses import replace
 from functools import partial
 
 from sense4hri.arrivals import Silence, from_thread, in_thread
-from sense4hri.device import Identity, Item, Stream
+from sense4hri.device import Declared, Identity, Item, Stream
 from sense4hri.errors import DeviceLost
 
 from driver_brainflow.config import BrainflowConfig, sources_of
@@ -32,13 +33,13 @@ class Board:
         config, table = self._config, description(self._config.described)
         if self._played:
             raise DeviceLost(f"{config.file} has ended")
-        readers = {name: self._reader(name) for name in config.presets}
-        rates_hz = {name: float(table[name]["sampling_rate"]) for name in readers}
         session, lost = Session(config.board, config.inputs, config.all_commands, config.verbose), False
         status = 1
         try:
-            await self._open(session, rates_hz)
+            rates_hz = await self._open(session)
             yield Identity(model=config.model or str(next(iter(table.values()))["name"]))
+            yield self._declared(rates_hz)
+            readers = {name: self._reader(name, rate_hz) for name, rate_hz in rates_hz.items()}
             silence = Silence(["samples"], SILENCE_S)
             async with from_thread(partial(session.read, tuple(readers), config.poll_s)) as arrivals:
                 received_ns, fetched = await silence.watch(arrivals.get())
@@ -62,14 +63,15 @@ class Board:
             if not released and not lost:
                 atexit.register(os._exit, status)  # SimpleBLE's own exit handler waits for its thread, which may hang
 
-    async def _open(self, session: Session, rates_hz: Mapping[str, float]) -> None:
-        """Open the session. Raises RuntimeError where that does not end: nobody in this process could search again.
+    async def _open(self, session: Session) -> dict[str, float]:
+        """Open the session; return the rate of each preset.
 
+        Raises RuntimeError where that does not end: nobody in this process could search again.
         BrainFlow 5.23's own Bluetooth waits for itself where another device is seen just as its scan ends (SimpleBLE
         holds the callback's lock and waits for BrainFlow's, `prepare_session` the other way round).
         """
         board, limit_s = self._config.board, OPEN_S + self._config.timeout_s
-        opening = asyncio.ensure_future(in_thread(lambda: session.open(rates_hz)))
+        opening = asyncio.ensure_future(in_thread(lambda: session.open(self._config.presets)))
         looked, idle = turns(), 0
         try:
             async with asyncio.timeout(limit_s):
@@ -78,13 +80,20 @@ class Board:
                     idle = idle + 1 if looked == before is not None else 0
                     if idle == STUCK_LOOKS:
                         raise RuntimeError(f"BrainFlow's Bluetooth hangs in the search for {board}: to be started anew")
-                await opening
+                return await opening
         except TimeoutError as err:
             raise RuntimeError(f"BrainFlow has neither found {board} nor given up in {limit_s:g} s") from err
         finally:
             opening.cancel()
 
-    def _reader(self, preset: str) -> Reader:
+    def _declared(self, rates_hz: Mapping[str, float]) -> Declared:
+        """The streams at the rates that the board has: its table has what it is delivered with."""
+        sources = sources_of(self._config)
+        return Declared(
+            {name: replace(s.stream, sampling_frequency_hz=rates_hz[s.preset]) for name, s in sources.items()}
+        )
+
+    def _reader(self, preset: str, rate_hz: float) -> Reader:
         config = self._config
-        table = description(config.described)[preset]
+        table = description(config.described)[preset] | {"sampling_rate": rate_hz}
         return Reader(config.described, preset, table, sources_of(config), config.recorded)

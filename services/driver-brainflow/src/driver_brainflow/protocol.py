@@ -36,7 +36,7 @@ KINDS = {
 ASKED_FOR = ("optical", "analog", "rotation", "resistance", "other")  # the contract knows no such type
 TYPES = (*EXG, *KINDS)
 XYZ = ("x", "y", "z")
-LATE_S = 1.0  # before the poll, that a stamp of this host may lie
+LATE_S = 1.0  # before the poll, that the newest stamp may lie where it is this host's
 
 
 class Scale(NamedTuple):
@@ -64,6 +64,7 @@ SCALES: Mapping[str, Mapping[str, Scale]] = {
     "GANGLION": _CYTON,
     "GANGLION_NATIVE": _CYTON,
     "UNICORN": {"accelerometer": _G, "gyroscope": _DEGREES},
+    "SHIMMER3": {"eda": Scale("uS")},
     "EMOTIBIT": {
         "accelerometer": _G,
         "gyroscope": _DEGREES,
@@ -76,8 +77,8 @@ SCALES: Mapping[str, Mapping[str, Scale]] = {
     **{f"MUSE_{model}": _MUSE for model in ("2", "S", "2016", "2_BLED", "S_BLED", "2016_BLED", "S_ATHENA")},
 }
 """What is known of the units of a board's helpers, from BrainFlow's documentation and source; else `counts`."""
-RAW_EXG = ("GFORCE_PRO", "GFORCE_DUAL")  # 8 bits without a scale; every other board's are uV
-PERCENT_UNKNOWN = ("SHIMMER3",)  # its battery row is no percentage as far as known
+RAW_EXG = ("GFORCE_PRO", "GFORCE_DUAL", "SHIMMER3")  # 8 bits, or a converter's, without a scale; all others are uV
+PERCENT_UNKNOWN = ("SHIMMER3",)  # its battery row is a converter's count
 BY_COMMAND: Mapping[str, Mapping[str, str]] = {
     "MUSE_2": {"ppg": "p50"},
     "MUSE_S": {"ppg": "p61"},
@@ -181,13 +182,13 @@ class Reader:
         holes = [int(at) + 1 for at in np.flatnonzero(missing[1:])]
         for first, end in pairwise((0, *holes, len(stamps_s))):
             lost = int(missing[first]) if self._missing else None
-            device_ns, stamp_ns = self._stamps(float(stamps_s[end - 1]), received_ns)
+            device_ns, stamp_ns = self._stamps(stamps_s, end - 1, received_ns)
             for sensor_type, source in self._streams.items():
                 samples = rows[list(source.rows), first:end].T * source.factor
                 names = source.stream.channel_names
                 yield Samples(sensor_type, Chunk(names, samples, device_ns, stamp_ns), lost=lost)
         yield from self._marked(rows, stamps_s, received_ns)
-        if self._battery is not None and 0 <= rows[self._battery, -1] <= 100:
+        if self._battery is not None and 0 < rows[self._battery, -1] <= 100:
             yield Status(battery_percent=float(rows[self._battery, -1]))
 
     def _before(self, rows: NDArray[np.float64], stamps_s: NDArray[np.float64], polled_s: float) -> NDArray[np.int64]:
@@ -197,16 +198,16 @@ class Reader:
 
     def _marked(self, rows: NDArray[np.float64], stamps_s: NDArray[np.float64], received_ns: int) -> Iterator[Marked]:
         for at in np.flatnonzero(rows[self._table["marker_channel"]]):
-            device_ns, stamp_ns = self._stamps(float(stamps_s[at]), received_ns)
+            device_ns, stamp_ns = self._stamps(stamps_s, int(at), received_ns)
             yield Marked(stamp_ns, device_ns, "marker", number_text(rows[self._table["marker_channel"], at]))
 
-    def _stamps(self, stamp_s: float, received_ns: int) -> tuple[int | None, int]:
+    def _stamps(self, stamps_s: NDArray[np.float64], at: int, received_ns: int) -> tuple[int | None, int]:
         """Return device time and receipt of a sample.
 
-        BrainFlow stamps on this host when a packet comes, which is nearer to the receipt than the poll; a stamp
-        outside the last second is not that.
+        BrainFlow stamps on this host when a packet comes, which is nearer to the receipt than the poll; where the
+        newest stamp is outside the last second they are not that.
         """
-        stamp_ns = round(stamp_s * 1e6) * 1000
+        stamp_ns, newest_ns = (round(float(stamps_s[each]) * 1e6) * 1000 for each in (at, -1))
         if self._recorded:
             return stamp_ns, received_ns
-        return None, stamp_ns if 0 <= received_ns - stamp_ns <= LATE_S * SECOND_NS else received_ns
+        return None, stamp_ns if 0 <= received_ns - newest_ns <= LATE_S * SECOND_NS else received_ns

@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -172,21 +172,34 @@ class Session:
         signal.signal(WAKE, lambda number, frame: None)
         self._lock, self._closed, self._opened = threading.Lock(), False, False
 
-    def open(self, rates_hz: Mapping[str, float]) -> None:
-        """Connect, send the commands, start. Raises DeviceLost or ConfigError in words."""
+    def open(self, presets: Iterable[str]) -> dict[str, float]:
+        """Connect, send the commands, start; return each preset's rate in Hz, as the board has it now, which may differ
+        from its table. Raises DeviceLost or ConfigError in words.
+        """
         with self._lock:
             if self._closed:
-                return
+                return {}
             try:
                 with patient_threads():
                     self._shim.prepare_session()
                 self._opened = True
                 for command in self._commands:
-                    self._shim.config_board(command)
+                    self._send(command)
+                rates_hz = {name: float(self._shim.get_board_sampling_rate(PRESETS[name])) for name in presets}
                 self._shim.start_stream(round(BUFFER_S * max(rates_hz.values())))
+                return rates_hz
             except BrainFlowError as err:
                 self._release()
                 raise self._in_words(err) from err
+
+    def _send(self, command: str) -> None:
+        """Send a command. Raises BrainFlowError, ConfigError where the board does not know it or takes none."""
+        try:
+            self._shim.config_board(command)
+        except BrainFlowError as err:
+            if err.exit_code not in CONFIGURATION:
+                raise
+            raise ConfigError(f"commands: {self._name} refuses {command!r}") from err
 
     def read(self, presets: tuple[str, ...], wait_s: float) -> list[Rows] | None:
         """Wait, then return what has come, by preset; None where nothing has. Raises DeviceLost."""

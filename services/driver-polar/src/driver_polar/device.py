@@ -73,7 +73,7 @@ class Polar:
         try:
             features = await self._features(link)
             await self._subscribe(link, point, inbox, running)
-            await running.set_sdk_mode(Measurement.SDK_MODE in features)
+            await running.set_sdk_mode(features)
             for stream in self._config.started:
                 if stream != HEART_RATE:
                     await running.start(stream, MEASUREMENTS[stream], self._wanted(stream))

@@ -3,11 +3,13 @@
 import asyncio
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 
 from sense4hri.errors import ConfigError, DeviceLost, FrameError
 from sense4hri.gatt import Link
 
 from driver_polar import control
+from driver_polar.config import MEASUREMENTS
 from driver_polar.control import Op, Response, ResponseStatus, Setting, Settings
 from driver_polar.protocol import Measurement
 
@@ -103,23 +105,46 @@ class Streams:
         """What came until then, by the host's clock, was sent with settings that are not ours."""
         self._control, self._device, self._sdk_mode = control_point, device, sdk_mode
 
-    async def set_sdk_mode(self, known: bool) -> None:
+    async def set_sdk_mode(self, features: frozenset[Measurement]) -> None:
         """Bring the device into SDK mode, or out of it where it is known to have one; before anything is started.
 
-        Raises ConfigError where it is wanted and the device has none.
+        It stays as it is while something runs that a broken connection has left: that is stopped. features: what the
+        device has. Raises ConfigError where the mode is wanted and the device has none.
         """
-        if self._sdk_mode:
-            try:
-                await self._start(Measurement.SDK_MODE, {})
-            except Refused as err:
-                if err.status in NO_SDK_MODE:
-                    raise ConfigError(f"sdk_mode: {self._device} has none ({err})") from err
-                raise
-        elif known:
-            try:  # an earlier owner may have left it on, which would silence the heart rate
-                await self._control.request(Op.STOP, Measurement.SDK_MODE)
-            except Refused:
+        if not self._sdk_mode and Measurement.SDK_MODE not in features:
+            return
+        try:
+            await self._switch_sdk_mode(features)
+        except Refused as err:
+            if not self._sdk_mode:
                 return  # it was off
+            if err.status in NO_SDK_MODE:
+                raise ConfigError(f"sdk_mode: {self._device} has none ({err})") from err
+            raise
+
+    async def _switch_sdk_mode(self, features: frozenset[Measurement]) -> None:
+        """An earlier owner may have left it on, which would silence the heart rate."""
+
+        async def switch() -> None:
+            if self._sdk_mode:
+                await self._start(Measurement.SDK_MODE, {})
+            else:
+                await self._control.request(Op.STOP, Measurement.SDK_MODE)
+
+        try:
+            await switch()
+        except Refused as err:
+            if err.status != ResponseStatus.INVALID_STATE:
+                raise
+            for measurement in features & set(MEASUREMENTS.values()):
+                with suppress(Refused):  # it was not running
+                    await self._stop_foreign(measurement)
+            await switch()
+
+    async def _stop_foreign(self, measurement: Measurement) -> None:
+        """Stop what a broken connection has left running, with settings that are unknown."""
+        await self._control.request(Op.STOP, measurement)
+        self.foreign_until_ns[measurement] = time.time_ns()
 
     async def start(self, sensor_type: str, measurement: Measurement, wanted: Settings) -> None:
         """Start one measurement with the wanted settings.
@@ -142,9 +167,7 @@ class Streams:
                 raise
             if measurement is Measurement.SDK_MODE:
                 return
-            # left running by a connection that broke; its settings are unknown
-            await self._control.request(Op.STOP, measurement)
-            self.foreign_until_ns[measurement] = time.time_ns()
+            await self._stop_foreign(measurement)
             parameters = await self._control.request(Op.START, measurement, settings)
         self.factors[measurement] = control.parse_settings(parameters).get(Setting.FACTOR, (1.0,))[0]
 

@@ -53,7 +53,7 @@ class Companion:
                         yield item
                     asking = asyncio.create_task(self._ask(ASK_S))
                 came = await silence.watch(arrivals.together())
-                for kind in {arrival.value.kind for arrival in came if isinstance(arrival.value, Came)}:
+                for kind in {each.kind for _, each in came if isinstance(each, Came) and each.device_ns is not None}:
                     silence.broken_by(kind)
                 for item in told.take(came):
                     yield item
@@ -119,7 +119,9 @@ class Told:
 
     def _meaning(self, came: Came, received_ns: int) -> Iterator[Item]:
         if came.kind == "gaze":
-            yield from self._look(companion.decode_gaze(came.octets), came, received_ns)
+            if came.device_ns is not None:  # it has no other time
+                row = Row(came.device_ns, received_ns, (), came.lost)
+                yield from self._look(companion.decode_gaze(came.octets), row)
             return
         if came.kind == "imu":
             self._motion(imu.decode_motion(came.octets), came.lost, received_ns)
@@ -129,16 +131,16 @@ class Told:
         if (happening := companion.decode_event(came.octets)) is not None:
             yield Reported("eye_tracking", received_ns, happening.begin_ns, happening.features)
 
-    def _look(self, look: companion.Look, came: Came, received_ns: int) -> Iterator[Item]:
+    def _look(self, look: companion.Look, row: Row) -> Iterator[Item]:
+        """Take a look; row: its time and what is missing before it."""
         if look.worn != self._worn:
             self._worn = look.worn
             yield Status(contact=float(look.worn))
-        gaze = (look.x, look.y, float(look.worn))
-        self._rows["eye_tracking"].push(Row(came.device_ns, received_ns, gaze, came.lost))
+        self._rows["eye_tracking"].push(row._replace(values=(look.x, look.y, float(look.worn))))
         if look.sizes_mm is not None:
-            self._rows["pupillometry"].push(Row(came.device_ns, received_ns, look.sizes_mm, came.lost))
+            self._rows["pupillometry"].push(row._replace(values=look.sizes_mm))
         if look.apertures_mm is not None:
-            self._rows["eyelids"].push(Row(came.device_ns, received_ns, look.apertures_mm, came.lost))
+            self._rows["eyelids"].push(row._replace(values=look.apertures_mm))
 
     def _motion(self, motion: imu.Motion, lost: int, received_ns: int) -> None:
         measured = {

@@ -26,10 +26,13 @@ METHOD = "best of 12 time echoes"
 
 
 class Came(NamedTuple):
-    """A packet: kind of sensor, UNIX time of the device, its content, and how many packets are missing before it."""
+    """A packet: kind of sensor, UNIX time of the device, its content, and how many packets are missing before it.
+
+    device_ns: None before the first sender report.
+    """
 
     kind: str
-    device_ns: int
+    device_ns: int | None
     octets: bytes
     lost: int
 
@@ -189,5 +192,4 @@ class RtspSession:
             arrivals.put(Arrival(self._received_ns, err))
             return
         lost, device_ns = self._timeline.count(packet.sequence), self._timeline.time_ns(packet.ticks)
-        if device_ns is not None:  # before the first report nobody knows the time of it
-            arrivals.put(Arrival(self._received_ns, Came(self._kind, device_ns, packet.payload, lost)))
+        arrivals.put(Arrival(self._received_ns, Came(self._kind, device_ns, packet.payload, lost)))

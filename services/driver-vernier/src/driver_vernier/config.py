@@ -1,5 +1,6 @@
 """Parameters of driver-vernier, and what it declares of its stream."""
 
+import math
 from dataclasses import dataclass
 
 from sense4hri.device import Stream
@@ -40,5 +41,8 @@ class Config(BluetoothConfig):
 
 
 def streams_of(config: Config) -> dict[str, Stream]:
-    """Return what the driver declares of the force on the belt: 32-bit floats, 0 to 50 N by its data sheet."""
-    return {"respiration": Stream(10.0, "N", 0.0, 50.0, 24, ("respiration",))}
+    """Return what the driver declares of the force on the belt: 32-bit floats, up to 50 N by its data sheet.
+
+    That begins at 0 N; a belt that nobody has tared sends less, how much less is not known.
+    """
+    return {"respiration": Stream(10.0, "N", math.nan, 50.0, 24, ("respiration",))}

@@ -7,6 +7,7 @@
 | 07 start, 20 stop | | |
 | 08 sensors | 24 bits | |
 | 21 GSR range, 37 magnetometer gain, 49 gyroscope range, 5E expansion power | u8 | |
+| A3 acknowledgements before answers while it streams | u8 | |
 | 2C calibration | | 2D, 4 x 21 bytes |
 | 2E firmware | | 2F, kind u16, major u16, minor, patch |
 | 3E serial number | | 3D, 8 bytes |
@@ -29,7 +30,7 @@ from sensor_bench.shimmer.body import GAIN_CODES, LN_ACCELEROMETER, MAGNETOMETER
 from sensor_bench.signals.waveforms import FloatArray
 
 CLOCK_HZ = 32768
-ARGUMENTS = {0x05: 2, 0x08: 3, 0x21: 1, 0x37: 1, 0x49: 1, 0x5E: 1, 0x63: 3, 0x66: 2}
+ARGUMENTS = {0x05: 2, 0x08: 3, 0x21: 1, 0x37: 1, 0x49: 1, 0x5E: 1, 0x63: 3, 0x66: 2, 0xA3: 1}
 SENSOR_CHANNELS = (  # bit, channels in the order in which the firmware sends them
     (0x000080, (0x00, 0x01, 0x02)),
     (0x002000, (0x03,)),
