@@ -111,6 +111,7 @@ def _visited(start: Callable[..., Process], driver: ThirdPartyDriver, count: int
         assert stranger.child.poll() is None, stranger.log()
         _play(driver)
     _play(driver)
+    stranger.end()
     return Counter({topic: int(number) for number, topic in re.findall(r"sent (\d+) to (\S+)", stranger.log())})
 
 
