@@ -80,3 +80,14 @@ def test_every_stream_is_one_row():
     """The columns of the table of streams keep the same two labels, so that they become one row."""
     for column in make_dashboards.STREAMS:
         assert column.expression.startswith(f"max by ({make_dashboards.STREAM})"), column.title
+
+
+def test_hosts_are_shown():
+    """Every metric of the clocks of hosts is on the dashboard of clocks, by pair; what they run, on that of hosts."""
+    curves = [curve for curve in make_dashboards.CURVES["clocks"] if curve.title.startswith("hosts: ")]
+    metrics = {row.name for row in metrics_table.written() if row.name.startswith("sense4hri_host_clock_")}
+    assert {re.search(r"sense4hri_host_clock_\w+", curve.expression)[0] for curve in curves} == metrics
+    assert all(curve.legend.startswith("{{host}} − {{field}}") for curve in curves)
+    services = [curve for curve in make_dashboards.CURVES["services"] if " by (host) " in curve.expression]
+    assert len(services) > 2
+    assert {curve.legend for curve in services} == {"{{host}}"}
