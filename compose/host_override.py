@@ -17,6 +17,7 @@ from typing import Any
 import study_file
 import yaml
 from command_words import parameters_of
+from sense4hri.host_clocks import sanitised
 from several_hosts import PROFILES, at, check, host_of, surroundings
 from study_file import WRONG, Service, Study, StudyError
 
@@ -79,14 +80,16 @@ def override(study: Study, host: str, scraped: Path, tls: bool = False) -> str:
     return "\n".join(["services:", *_lines(services)]) + "\n"
 
 
-def targets(study: Study) -> list[str]:
-    """Return address:port of the HTTP of every node of a study, on all its machines."""
-    return [
-        f"{study.hosts[host]}:{port_of(study, service)}"
-        for service in study.services
-        if NODE in service.environment
-        for host in ([host_of(study, service)] if host_of(study, service) else study.hosts)
-    ]
+def targets(study: Study) -> dict[str, list[str]]:
+    """Return address:port of the HTTP of every node of a study, by machine."""
+    return {
+        host: [
+            f"{address}:{port_of(study, service)}"
+            for service in study.services
+            if NODE in service.environment and host_of(study, service) in (host, "")
+        ]
+        for host, address in study.hosts.items()
+    }
 
 
 def port_of(study: Study, service: Service) -> int:
@@ -96,13 +99,17 @@ def port_of(study: Study, service: Service) -> int:
 
 
 def scraping(study: Study) -> dict[str, Any]:
-    """Return the configuration in compose/prometheus with addresses in place of the names in Docker's DNS."""
+    """Return the configuration in compose/prometheus with addresses in place of the names in Docker's DNS.
+
+    What is scraped has the machine's name, as host_clock metrics have it, in the label `host`.
+    """
     content: dict[str, Any] = yaml.safe_load(SCRAPING.read_text())
     named = [content["alerting"]["alertmanagers"][0], *content["scrape_configs"]]
-    found = {"alertmanager": [f"{LOOPBACK}:9093"], "metrics": targets(study)}
+    nodes = [{"targets": found, "labels": {"host": sanitised(host)}} for host, found in targets(study).items() if found]
+    known = {"alertmanager": [{"targets": [f"{LOOPBACK}:9093"]}], "metrics": nodes}
     for job in named:
         for entry in job.pop("dns_sd_configs", []):
-            job["static_configs"] = [{"targets": found[name]} for name in entry["names"]]
+            job["static_configs"] = [config for name in entry["names"] for config in known[name]]
     return content
 
 

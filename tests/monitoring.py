@@ -118,8 +118,11 @@ class Monitoring:
         return {(one["labels"]["alertname"], about(one["labels"])) for one in alerts if one["state"] == "firing"}
 
     def query(self, expression: str) -> list[dict[str, Any]]:
-        found = json.loads(self._get(f"/api/v1/query?{urllib.parse.urlencode({'query': expression})}"))
-        return found["data"]["result"]
+        return self.answer(f"/api/v1/query?{urllib.parse.urlencode({'query': expression})}")["result"]
+
+    def answer(self, path: str) -> Any:
+        """Return what Prometheus answers to a path of its API."""
+        return json.loads(self._get(path))["data"]
 
     def _get(self, path: str) -> str:
         try:

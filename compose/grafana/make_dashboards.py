@@ -30,6 +30,7 @@ CHOSEN = 'sensor_type="$sensor_type", sensor_id="$sensor_id"'
 TAKES = "sense4hri_update_duration_seconds"
 REFUSED = "sense4hri_refused_messages_total"
 STATES = (("starting", "blue"), ("connecting", "yellow"), ("streaming", "green"), ("lost", "red"), ("stopping", "blue"))
+PAIR = "{{host}} − {{field}}"
 CLOCK_STATES = (("warm-up", "yellow"), ("locked", "green"), ("hold-over", "red"))
 NO_YES = (("no", "red"), ("yes", "green"))
 PHASES = (("idle", "blue"), ("preparing", "yellow"), ("recording", "green"), ("stopping", "blue"), ("failed", "red"))
@@ -70,6 +71,11 @@ def of_sensor(metric: str) -> str:
     return (
         f"max by ({STREAM}) (0 * sense4hri_stream_state + on (sensor_id) group_left () max by (sensor_id) ({metric}))"
     )
+
+
+def on_hosts(metric: str) -> str:
+    """A value with its host, which compose/host_override.py names; on one machine, and in Kubernetes, nobody does."""
+    return f'label_replace({metric}, "host", "unnamed", "host", "")'
 
 
 STREAMS = (
@@ -137,6 +143,11 @@ CURVES: dict[str, Sequence[Curve]] = {
         Curve("delay of the newest packets", "sense4hri_clock_latency_seconds", "{{sensor_id}}", "s"),
         Curve("epochs of the clock", "sense4hri_clock_segment", "{{sensor_id}}"),
         Curve("offset: change in 1 min", "delta(sense4hri_clock_offset_seconds[1m])", "{{sensor_id}}", "s", width=24),
+        Curve("hosts: state", on_hosts("sense4hri_host_clock_state"), PAIR, states=CLOCK_STATES, width=24),
+        Curve("hosts: offset", on_hosts("sense4hri_host_clock_offset_seconds"), PAIR, "s"),
+        Curve("hosts: uncertainty, 95 %", on_hosts("sense4hri_host_clock_uncertainty_seconds"), PAIR, "s"),
+        Curve("hosts: rate", on_hosts("1e6 * sense4hri_host_clock_skew_ratio"), f"{PAIR} ppm"),
+        Curve("hosts: smallest round trip", on_hosts("sense4hri_host_clock_round_trip_seconds"), PAIR, "s"),
     ),
     "services": (
         Curve("ready", "min by (service) (sense4hri_ready)", "{{service}}", states=NO_YES, width=24),
@@ -157,13 +168,19 @@ CURVES: dict[str, Sequence[Curve]] = {
         Curve("recorder: lost", "sense4hri_recorder_lost_messages", "messages of this recording"),
         Curve("recorder: since the last sync", "time() - sense4hri_recorder_last_sync_timestamp_seconds", "age", "s"),
         Curve("processes", "sense4hri:processes:count", "{{service}}"),
+        Curve("hosts: processes that are ready", f"sum by (host) ({on_hosts('sense4hri_ready')})", "{{host}}"),
+        Curve("hosts: CPU", f"sum by (host) ({on_hosts('sense4hri:cpu:ratio')})", "{{host}}", "percentunit"),
+        Curve("hosts: memory", f"sum by (host) ({on_hosts('sense4hri:resident_memory:bytes')})", "{{host}}", "bytes"),
+        Curve(
+            "hosts: busiest service", f"max by (host) ({on_hosts('sense4hri:busy:ratio')})", "{{host}}", "percentunit"
+        ),
     ),
 }
 TITLES = {
     "study": "Sense4HRI: study",
     "stream": "Sense4HRI: one stream",
     "clocks": "Sense4HRI: clocks",
-    "services": "Sense4HRI: services",
+    "services": "Sense4HRI: services and hosts",
 }
 
 

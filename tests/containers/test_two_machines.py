@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import asked
 import host_override
 import pytest
 import study_file
@@ -117,11 +118,12 @@ def laboratory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Labo
 
 def test_a_study_on_two_machines(laboratory: Laboratory, tmp_path: Path) -> None:
     """Every service is healthy, Prometheus asks all of both machines, the driver's ECG becomes features on the other
-    machine, whose clock is measured, the page is behind HTTPS, and nothing else is open to who has no token."""
+    machine, whose clock is measured as rules and panels ask, the page is behind HTTPS, and nothing else is open to who
+    has no token."""
     for part in laboratory.parts.values():
         for service in part.services():
             wait_for(lambda part=part, name=service: part.healthy(name), HEALTHY_S, service)
-    everything = len(host_override.targets(laboratory.study))
+    everything = sum(map(len, host_override.targets(laboratory.study).values()))
     assert everything == 7
     wait_for(lambda: len(laboratory.scraped('up{job="sense4hri"} == 1')) == everything, 60, "all are scraped")
     wait_for(
@@ -129,6 +131,10 @@ def test_a_study_on_two_machines(laboratory: Laboratory, tmp_path: Path) -> None
     )
     clocks = 'sense4hri_host_clock_offset_seconds{field="lab_b"}'
     poll(lambda: laboratory.scraped(f"abs({clocks}) < 1e-3"), lambda: f"{laboratory.scraped(clocks)}", 60, 0.3)
+    of_both = [each for each in asked.everything("h10_1", "ecg") if asked.OF_SEVERAL_HOSTS in each]
+    poll(lambda: not asked.unanswered(of_both, laboratory.scraped), lambda: f"data for all of {of_both}", 60, 0.3)
+    hosts = laboratory.scraped("count by (host) (sense4hri_ready)")
+    assert {one["metric"]["host"] for one in hosts} == {"lab_a", "lab_b"}
     page, strap = laboratory.addresses["lab-a"], laboratory.study.services[0]
     driver = f"http://{laboratory.addresses['lab-b']}:{host_override.port_of(laboratory.study, strap)}"
     part = laboratory.parts["lab-a"]

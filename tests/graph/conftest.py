@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import monitoring
 import pytest
 from demo_process import Demo
 from sensor_bench_process import SILENT_DOMAIN, BenchProcess
@@ -26,6 +27,14 @@ def bench(bench_process: BenchProcess, monkeypatch: pytest.MonkeyPatch) -> Itera
     monkeypatch.setenv("DBUS_SYSTEM_BUS_ADDRESS", bench_process.address)
     yield bench_process
     bench_process.restore()
+
+
+@pytest.fixture(scope="session")
+def bin_folder() -> Path:
+    found = monitoring.programs()
+    if found is None:
+        pytest.skip("no Prometheus and Alertmanager, installed or from Debian's packages")
+    return found
 
 
 @pytest.fixture

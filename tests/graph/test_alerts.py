@@ -6,10 +6,8 @@ import subprocess
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from pathlib import Path
 from typing import Any
 
-import monitoring
 import pytest
 import yaml
 from monitoring import CONFIG, ROOT, Monitoring
@@ -50,14 +48,6 @@ class Answer(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, *given: object) -> None: ...
-
-
-@pytest.fixture(scope="module")
-def bin_folder() -> Path:
-    found = monitoring.programs()
-    if found is None:
-        pytest.skip("no Prometheus and Alertmanager, installed or from Debian's packages")
-    return found
 
 
 @pytest.fixture

@@ -78,26 +78,22 @@ def test_every_node_answers_at_its_machine_on_a_port_of_its_own_and_the_page_on_
 
 
 def test_prometheus_asks_every_node_of_all_machines_where_it_answers(tmp_path: Path) -> None:
-    """What is scraped is what the machines' own files say, no more and no less; clock-sync on each of them."""
-    answering = set(_answering(tmp_path))
+    """What is scraped, by machine, is what its own file says, no more and no less; clock-sync on each of them."""
+    answering = {host: _answering(tmp_path, host.replace("_", "-")) for host in ("lab_a", "lab_b", "lab_c")}
     file, target, _ = services_of(tmp_path, "lab-c")["prometheus"]["volumes"][0].split(":")
     scraping = yaml.safe_load(Path(file).read_text())
     jobs = {job["job_name"]: job for job in scraping["scrape_configs"]}
-    assert set(jobs["sense4hri"]["static_configs"][0]["targets"]) == answering
-    assert len(answering) == 6
+    configs = jobs["sense4hri"]["static_configs"]
+    assert {config["labels"]["host"]: set(config["targets"]) for config in configs} == answering
+    assert sum(map(len, answering.values())) == 6
     assert scraping["alerting"]["alertmanagers"] == [{"static_configs": [{"targets": ["127.0.0.1:9093"]}]}]
     assert "dns_sd" not in json.dumps(scraping)
     assert target == "/etc/prometheus/prometheus.yml"
 
 
-def _answering(folder: Path) -> list[str]:
-    found = []
-    for host in ("lab-a", "lab-b", "lab-c"):
-        for keys in services_of(folder, host).values():
-            environment = keys["environment"] if keys != "reset" else {}
-            if "METRICS_PORT" in environment:
-                found.append(f"{environment['METRICS_HOST']}:{environment['METRICS_PORT']}")
-    return found
+def _answering(folder: Path, host: str) -> set[str]:
+    environments = [keys["environment"] for keys in services_of(folder, host).values() if keys != "reset"]
+    return {f"{each['METRICS_HOST']}:{each['METRICS_PORT']}" for each in environments if "METRICS_PORT" in each}
 
 
 def test_what_shows_is_on_loopback(tmp_path: Path) -> None:
