@@ -22,9 +22,10 @@ FEWEST_INTERVALS, FEWEST_FORETOLD = 20, 14
 LEAST_SPREAD = 0.01  # of the median interval: nothing is foretold better
 OUTLYING = 2.5  # standard deviations at which what was foretold wrongly weighs half (Cauchy)
 PAUSES = np.array([[0.0], [0.5], [1.0]])  # what the pause after an early beat makes up for, as a share of how early
+BRAKES = np.array([[-1.0], [-0.5], [0.0], [0.5], [1.0]])  # the same after a late one: negative, as what brakes may last
 UNFORESEEN = 3.0  # standard deviations by which a beat is earlier than foretold, ...
 DIP = 0.03  # ... in an interval shorter by so much than the one before; else ...
-LATE = 1.2  # ... by so much more than any beat is late, too: hearts brake between two beats as well
+LATE = 1.2  # ... by so much more than any beat elsewhere is late, too: hearts brake between two beats as well
 CERTAIN = 0.5  # of what is known of an interval far from gaps: with less nothing is told
 MANY = 0.25  # of the beats: rather than so many are early, the heart beats twice a breath
 MOST_LOOKS = 12
@@ -106,7 +107,7 @@ def _early(length: Floats, begin: Floats, linked: Bools, known: Bools, dip: Bool
         off = np.where(known, np.convolve(cleaned, model, "valid") - mean, 0.0)
         certainty = _certainty(model, known, follows)
         deviations, late, early = _judged(off / spread, model, certainty, early, spread)
-        enough = np.where(dip, UNFORESEEN, max(UNFORESEEN, LATE * late))
+        enough = np.where(dip, UNFORESEEN, np.maximum(UNFORESEEN, _latest(late)))
         enough[before_gap | (certainty.one < CERTAIN * model @ model)] = np.inf
         before, found = found, _peaks(np.where((early.by > LEAST_EARLY) & (deviations > enough), deviations, 0.0))
         if np.array_equal(found, before):
@@ -135,19 +136,32 @@ def _certainty(model: Floats, known: Bools, follows: Bools) -> Certainty:
 
 def _judged(
     off: Floats, model: Floats, certainty: Certainty, early: Early, spread: float
-) -> tuple[Floats, float, Early]:
-    """By how many standard deviations each beat is early, by how many the latest is late, and how early each may be.
+) -> tuple[Floats, Floats, Early]:
+    """By how many standard deviations each beat is early, by how many it is late, and how early it may be.
 
     off: what was not foretold, in units of the spread, where beats that are `early` are moved to their time.
     """
     pull, follows = np.convolve(off, model[::-1]), certainty.following > 0
-    evidence = PAUSES * _next(pull, follows) - pull
+    following = _next(pull, follows)
+    late = (pull - BRAKES * following) / np.sqrt(np.maximum(certainty.product(BRAKES, BRAKES), 1e-3))
+    evidence = PAUSES * following - pull + certainty.product(PAUSES, early.pause) * early.by / spread
     square = np.maximum(certainty.product(PAUSES, PAUSES), 1e-3)
-    late = -float((evidence / np.sqrt(square)).min())
-    evidence = evidence + certainty.product(PAUSES, early.pause) * early.by / spread
     deviations = evidence / np.sqrt(square)
     best, at = deviations.argmax(axis=0), np.arange(len(pull))
-    return deviations[best, at], late, Early((evidence / square)[best, at] * spread, PAUSES[best, 0])
+    return deviations[best, at], late.max(axis=0), Early((evidence / square)[best, at] * spread, PAUSES[best, 0])
+
+
+def _latest(late: Floats) -> Floats:
+    """By how many standard deviations a beat without a dip must be early, given by how many each is late.
+
+    The pause of an early beat is a late one by itself: among the ORDER beats on either side the likelier of the two
+    counts. Elsewhere it is another beat.
+    """
+    none = np.full(ORDER + 1, -np.inf)
+    near = windows(np.concatenate((none[1:], late, none[1:])), 2 * ORDER + 1).max(axis=1)
+    before = np.append(none, np.maximum.accumulate(late))[: len(late)]
+    after = np.append(none, np.maximum.accumulate(late[::-1]))[: len(late)][::-1]
+    return np.asarray(np.maximum(near, LATE * np.maximum(before, after)))
 
 
 def _next(values: Floats, follows: Bools) -> Floats:
