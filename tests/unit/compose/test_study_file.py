@@ -470,9 +470,10 @@ def test_make_up_without_a_host_says_so():
 
 
 def planned(*words: str) -> str:
-    """Return the commands that make would run."""
+    """Return the commands that make would run, a line each."""
     command = ["make", "-n", *words, "PYTHON=python3"]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    return told.replace("\\\n", " ")
 
 
 def test_a_name_too_long_for_a_file_is_that_of_no_study():
