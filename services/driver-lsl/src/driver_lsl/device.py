@@ -39,7 +39,8 @@ class LslDevice:
                 tuned = Tuned.to(opened.value.descriptions, self._config)
                 for item in tuned.introduction():
                     yield item
-                silence = Silence(tuned.rates_hz, tuned.patience_s(self._config.silence_s))
+                patience_s = tuned.patience_s(self._config.silence_s)
+                silence = Silence(patience_s, patience_s)
                 while True:
                     arrival: Arrival[News] = await silence.watch(arrivals.get())
                     if isinstance(arrival.value, Pulled | Told):
@@ -68,15 +69,10 @@ class Tuned:
         picked = pick(outlets, config.wanted)
         return cls(outlets, picked, config.markers, "" if config.wanted else left_out(outlets, picked))
 
-    @property
-    def rates_hz(self) -> dict[str, float]:
-        """Rates of the outlets that send all the time, by name, which is told from others of the same name."""
+    def patience_s(self, least_s: float) -> dict[str, float]:
+        """Return how long each outlet that sends all the time may be silent, by name: so long, or as its rate asks."""
         rates = {self.names[number]: self.outlets[number].rate_hz for number in {each.outlet for each in self._picked}}
-        return {name: rate_hz for name, rate_hz in rates.items() if rate_hz}
-
-    def patience_s(self, least_s: float) -> float:
-        """Return how long they may be silent: so many seconds, or as the slowest one of them may."""
-        return long_s(least_s, min(self.rates_hz.values(), default=0.0))
+        return {name: long_s(least_s, rate_hz) for name, rate_hz in rates.items() if rate_hz}
 
     def introduction(self) -> Iterator[Item]:
         """Yield who the device is and what it measures."""
