@@ -156,10 +156,14 @@ def test_whatever_an_event_says_is_in_its_marker(row, name, value):
     check(Marker(name=marked.name, value=marked.value))
 
 
-def test_an_event_without_any_text_is_counted():
-    """There is nothing to tell of it, which is told."""
-    (error,) = taken(tuned(EVENTS), Told(0, [["", ""]], np.array([50.25])))
-    assert str(error) == "an event of 'Keys' without any text"
+@pytest.mark.parametrize(
+    ("row", "why"),
+    [(["", ""], "without any text"), (["a", "x" * 65537], "with 65537 characters, at most 65536 can be")],
+)
+def test_an_event_that_no_marker_can_tell_is_counted(row, why):
+    """There is nothing to tell of it, or more than any service takes in, which is told."""
+    (error,) = taken(tuned(EVENTS), Told(0, [row], np.array([50.25])))
+    assert str(error) == f"an event of 'Keys' {why}"
 
 
 def test_an_event_of_an_unknown_clock_is_when_it_came():

@@ -12,6 +12,7 @@ from sense4hri.chunk import Chunk
 from sense4hri.clock_model import event_ns
 from sense4hri.device import ClockMeasurement, Declared, Item, Marked, Noted, Samples, Stream, number_text
 from sense4hri.errors import ConfigError, FrameError
+from sense4hri.intake import LONGEST_TEXT
 from sense4hri.signal_files.choice import unique
 from sense4hri.signal_files.units import scaled
 from sense4hri.stream_info import long_s
@@ -115,6 +116,8 @@ class Tuned:
             name, value = words(row, outlet)
             if not name:
                 yield FrameError(f"an event of {outlet!r} without any text")
+            elif len(value) > LONGEST_TEXT:
+                yield FrameError(f"an event of {outlet!r} with {len(value)} characters, at most {LONGEST_TEXT} can be")
             elif self._markers:
                 yield Marked(event_ns(received_ns, time_ns, offset_ns), time_ns, name, value)
 
