@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from sense4hri.chunk import Break, Chunk
+from sense4hri.holes import Holes
 from sense4hri.sample_clock import SampleClock
 
 BEGUN_NS = 10**15
@@ -51,6 +52,23 @@ def test_the_jitter_that_was_taken_for_530_lost_samples() -> None:
     late_s = np.random.default_rng(1).exponential(0.003, 3000)
     clock, _ = listened(500.0, 10, stamps_of(3000, 0.02, late_s))
     assert (clock.lost_samples_total, clock.gaps_total) == (0, 0)
+
+
+@pytest.mark.parametrize("fs_hz", [100.0, 125.0, 250.0, 256.0])
+def test_losses_are_exact_where_a_clock_has_coarse_ticks(fs_hz: float) -> None:
+    """`millis()` of a board whose samples jitter by 0.1 ms: a stamp is early by up to 1 ms, which hides no sample."""
+    rng = np.random.default_rng(1)
+    numbers, size = np.arange(round(60 * fs_hz)), round(fs_hz / 5)
+    stamps = BEGUN_NS + ((numbers / fs_hz + rng.normal(0.0, 1e-4, len(numbers))) * 1e3).astype(np.int64) * 1_000_000
+    for lost in (0, 100):
+        kept = np.delete(numbers, rng.choice(numbers[size:-1], lost, replace=False))
+        clock, holes = SampleClock(fs_hz), Holes(fs_hz)
+        for at in range(0, len(kept), size):
+            part = stamps[kept[at : at + size]]
+            whole = Chunk(("x",), np.zeros((len(part), 1)), int(part[-1]), int(part[-1]))
+            for chunk in holes.cut(whole, part):
+                clock.place(chunk)
+        assert clock.lost_samples_total == lost
 
 
 def test_a_lost_frame_is_told_within_half_a_second() -> None:
