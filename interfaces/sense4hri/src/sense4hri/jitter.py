@@ -102,7 +102,7 @@ class Jitter:
         if self._hides(least):
             return None
         spread = self._tick + SPREADS * self._usual
-        return max(least, spread, min(PAUSE, 1 - ROOM * (self._tick + self._usual)))
+        return max(least, spread, min(PAUSE, 1 - ROOM * self._usual))
 
     def _hides(self, least: float) -> bool:
         """Whether the usual jitter is so large that it hides single samples."""
