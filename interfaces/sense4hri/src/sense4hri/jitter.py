@@ -80,11 +80,18 @@ class Jitter:
         self._shift.settle()
 
     def _learn_tick(self, stamp_ns: int, fs_hz: float) -> None:
-        """Learn in which steps the device's clock counts: they divide all that passes between two stamps."""
-        self._tick_ns = gcd(self._tick_ns, stamp_ns - self._stamp_ns) if self._stamp_ns else 0
+        """Learn in which steps the device's clock counts: they divide all that passes between two stamps.
+
+        What has passed for jitter until then may have been of the ticks.
+        """
+        before_ns, self._tick_ns = self._tick_ns, gcd(self._tick_ns, stamp_ns - self._stamp_ns) if self._stamp_ns else 0
         self._stamp_ns = stamp_ns
         tick = self._tick_ns * fs_hz / SECOND_NS
-        self._tick = tick if tick < TICK else 0.0
+        self._tick = tick if WHOLE < tick < TICK else 0.0
+        if self._tick and self._tick_ns != before_ns:
+            self._shown.clear()
+            self._shown_ns.clear()
+            self._known, self._usual = 0, 0.0
 
     def _look(self, stamp_ns: int) -> None:
         """Learn the usual jitter: with every frame at first, now and then later."""
