@@ -112,6 +112,15 @@ def test_a_stream_is_seen_with_its_true_times_and_goes_with_its_wearer(start, op
     assert process.stop() == 0
 
 
+def test_a_second_bridge_that_offers_the_same_is_told_of(start):
+    """LSL programs then see an outlet twice; both bridges say which, and of nothing that one alone offers."""
+    first = start("bridge_lsl", session=SESSION)
+    second = start("bridge_lsl", session=SESSION, topics=["/humans/physiological/p2/**"])
+    for one in (first, second):
+        one.until("another bridge_lsl offers /study/markers too")
+    assert second.stop() == 0
+
+
 @pytest.fixture
 def bridged(start, opened, monkeypatch):
     """A driver whose samples say when they were taken, behind a bridge that offers them."""

@@ -123,6 +123,20 @@ def test_a_question_on_its_way_while_this_clock_is_stepped_tells_nothing(monkeyp
     assert not reference._peers["lab_b"].pending
 
 
+@pytest.mark.parametrize(("t2_ns", "t3_ns", "heard"), [(5, 6, True), (6, 5, False), (5, 10**10, False)])
+def test_a_host_whose_answers_cannot_be_is_silent(t2_ns, t3_ns, heard):
+    """Its clock has not been measured since: it is held over, and ever less sure, as if it did not answer."""
+    reference = Reference(MagicMock(config=Config()), "lab_a")
+    reference._meet("lab_b")
+    peer = reference._peers["lab_b"]
+    reference._ask()
+    number, asked_ns, _ = peer.pending[-1]
+    answer = ClockProbe(from_host="lab_a", to_host="lab_b", sequence=number, t1_ns=asked_ns, t2_ns=t2_ns, t3_ns=t3_ns)
+    reference._hear(answer, {"received_timestamp": asked_ns + 1000})
+    assert (peer.heard_s > 0) is heard
+    assert not peer.pending
+
+
 def test_a_host_finds_room_among_names_that_nobody_has():
     """Who has asked under a hundred names and answered under none keeps no host out; one that has answered stays."""
     service = MagicMock(config=Config())

@@ -67,6 +67,17 @@ def test_what_the_study_says_of_the_device_stays(start, ears):
     assert [each.string_value for each in values] == ["OUR-7", "1.2.3"]
 
 
+def test_of_what_a_device_says_without_end_as_much_is_told_as_others_read(start, ears, monkeypatch):
+    """Who asks refuses a text of more than 256 characters, and the stream with it; the log says what was cut."""
+    monkeypatch.setenv("TOY_FAULTS", "long")
+    process = start("toy_driver.py", human_id="p1", sensor_id="toy_1")
+    process.until("the device says a model of 400 characters: the first 256 are kept")
+    process.until("streaming")
+    request = GetParameters.Request(names=["model"])
+    values = ears.ask(GetParameters, "/driver_toy_toy_1/get_parameters", request).values
+    assert values[0].string_value == "toy " * 64
+
+
 def test_setting_human_id_moves_the_topics(start, ears):
     """After human_id is set, raw, device and health come under the new name and the old topic has no publisher."""
     start("toy_driver.py", human_id="p1", sensor_id="toy_1")

@@ -3,7 +3,8 @@
 `TOY_FAULTS` is a comma-separated list of what goes wrong: `lost` (the link drops once after 5 frames), `bad` (the third
 frame is undecodable), `gap` (ten samples are missing), `time` (a frame, an event and a measurement of its clock have
 impossible device times), `config` (the configuration is wrong, found on connecting). Of a toy without a clock,
-`counted` tells the gap by its count, and `uncounted` has none. `stuck`: its link is lost while it is released.
+`counted` tells the gap by its count, and `uncounted` has none. `stuck`: its link is lost while it is released. `long`:
+it says more of itself than anybody reads.
 While the file that `TOY_AWAY` names exists, the toy is out of reach.
 """
 
@@ -61,7 +62,8 @@ class Toy:
         if "config" in self._faults:
             raise ConfigError("parameter 'ecg.sampling_frequency_hz' is 7, the toy offers 100")
         self._reach()
-        yield Identity(serial_number="TOY-1", firmware_version="1.2.3")
+        model = "toy " * 100 if "long" in self._faults else None
+        yield Identity(serial_number="TOY-1", firmware_version="1.2.3", model=model)
         yield Status(battery_percent=81.0, rssi_dbm=-60.0, contact=1.0)
         begun_s = time.monotonic()
         try:

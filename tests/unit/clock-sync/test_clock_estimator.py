@@ -366,6 +366,21 @@ def test_measurements_that_step_together_open_a_segment():
     assert estimator.segment == 2
 
 
+def test_a_measurement_of_another_day_is_not_the_last_one():
+    """One stamped a day ahead, at a device time a day ahead, neither outlives the true ones nor bends what they say."""
+    link = links.simulate("strap", 15, 300.0, skew=80e-6)
+    run, day_ns = Run(), 86_400 * SECOND
+    for i, (device, received) in enumerate(zip(link.device_ns.tolist(), link.received_ns.tolist(), strict=True)):
+        if i % 9 == 0:
+            true_ns = links.EPOCH_NS + round(link.true_s[i] * 1e9)
+            run.estimator.measurement(received, device, true_ns - device, 1e-3)
+            if i == 90:
+                run.estimator.measurement(received + day_ns, device + day_ns, true_ns - device, 1e-3)
+        run.feed(link, i, i + 1)
+    error = run.error_ms(link) + links.SHORTEST_DELAY_S * 1e3
+    assert p95(error[link.true_s > 120]) < 1.0
+
+
 def test_a_measurement_beside_three_streams_counts_once():
     """A device of three streams publishes each measurement three times: no surer, and an odd one is no step."""
     link = links.simulate("strap", 18, 120.0, skew=0.0)

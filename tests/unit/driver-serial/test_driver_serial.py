@@ -15,6 +15,7 @@ from sense4hri import wire
 from sense4hri.chunk import Break
 from sense4hri.device import Declared, Item, Samples
 from sense4hri.errors import FrameError
+from sense4hri.holes import Holes
 from sense4hri.sample_clock import SampleClock
 from sense4hri.stamps import SECOND_NS
 from sensor_bench.board.firmware import Sketch, cobs
@@ -85,7 +86,7 @@ def test_a_time_may_have_a_fraction(unit: str, sent: bytes, read_ns: int) -> Non
     """Seconds with decimals are read to the ns, whole ticks exactly."""
     text = FORMS["csv"] + f"time: {{field: t, unit: {unit}}}\n" + STREAMS
     items = played(text, [(1.0, (sent + b",0,1,1,1\n") * 6)])
-    assert set(np.concatenate([item.times_ns for item in of(items, "eda")]).tolist()) == {read_ns}
+    assert {item.chunk.device_ns for item in of(items, "eda")} == {read_ns}
 
 
 @pytest.mark.parametrize(
@@ -226,6 +227,17 @@ def test_a_count_tells_losses_beside_a_time_that_jitters() -> None:
     eda = of(played(FORMS["json"] + TIME + COUNTER + STREAMS, chunks), "eda")
     assert all(item.times_ns is not None for item in eda)
     assert sum(item.lost or 0 for item in eda) == kept[-1] + 1 - len(kept)
+
+
+def test_ticks_as_long_as_a_sample_tell_no_losses() -> None:
+    """`millis()` at 1000 Hz, samples that jitter by 0.1 ms: steps of 0, 1 and 2 ticks, and nothing is lost."""
+    ticks = np.arange(1, 10_001) + np.random.default_rng(1).normal(0.0, 0.1, 10_000)
+    lines = [(i / 1000, b'{"t": %d, "gsr": 1}\n' % tick) for i, tick in enumerate(ticks.astype(int).tolist())]
+    clock, holes = SampleClock(1000.0), Holes(1000.0)
+    for item in of(played(FORMS["json"] + TIME + STREAMS.replace("rate_hz: 50", "rate_hz: 1000"), lines), "eda"):
+        for chunk in [item.chunk] if item.times_ns is None else holes.cut(item.chunk, item.times_ns):
+            clock.place(chunk)
+    assert (clock.lost_samples_total, clock.duplicates_total) == (0, 0)
 
 
 def test_a_count_that_begins_anew_with_the_clock_is_no_loss() -> None:

@@ -81,6 +81,7 @@ def test_times_and_samples_belong_together() -> None:
     [
         ({"unit": "mV"}, "parameter 'eda.unit' is 'mV', the driver sends uS"),
         ({"channel_names": ("a", "b")}, "parameter 'eda.channel_names' must name 1 channels"),
+        ({"channel_names": ("x" * 257,)}, "parameter 'eda.channel_names': a name of 257 characters, 'xxxx"),
         ({"sampling_frequency_hz": -1.0}, "parameter 'eda.sampling_frequency_hz' is -1"),
         ({"sampling_frequency_hz": float("nan")}, "parameter 'eda.sampling_frequency_hz' is nan"),
     ],

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from sense4hri.chunk import Break, Chunk
+from sense4hri.holes import Holes
 from sense4hri.sample_clock import SampleClock
 
 BEGUN_NS = 10**15
@@ -51,6 +52,25 @@ def test_the_jitter_that_was_taken_for_530_lost_samples() -> None:
     late_s = np.random.default_rng(1).exponential(0.003, 3000)
     clock, _ = listened(500.0, 10, stamps_of(3000, 0.02, late_s))
     assert (clock.lost_samples_total, clock.gaps_total) == (0, 0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("fs_hz", [100.0, 200.0, 250.0, 256.0])
+def test_losses_are_exact_where_a_clock_has_coarse_ticks(fs_hz: float, seed: int) -> None:
+    """`millis()` of a board whose samples jitter by 0.1 ms: a tick hides no sample, once it has been seen for 2 s."""
+    rng = np.random.default_rng(seed)
+    numbers, size = np.arange(round(60 * fs_hz)), round(fs_hz / 5)
+    taken_s = numbers / fs_hz * (1 + 5e-5) + rng.normal(0.0, 1e-4, len(numbers))
+    stamps = BEGUN_NS + (taken_s * 1e3).astype(np.int64) * 1_000_000
+    for lost in (0, 100):
+        kept = np.delete(numbers, rng.choice(numbers[10 * size : -1], lost, replace=False))
+        clock, holes = SampleClock(fs_hz), Holes(fs_hz)
+        for at in range(0, len(kept), size):
+            part = stamps[kept[at : at + size]]
+            whole = Chunk(("x",), np.zeros((len(part), 1)), int(part[-1]), int(part[-1]))
+            for chunk in holes.cut(whole, part):
+                clock.place(chunk)
+        assert clock.lost_samples_total == lost
 
 
 def test_a_lost_frame_is_told_within_half_a_second() -> None:

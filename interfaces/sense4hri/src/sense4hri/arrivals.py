@@ -9,7 +9,7 @@ import asyncio
 import threading
 import time
 from collections import deque
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import asynccontextmanager
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -78,14 +78,20 @@ class Arrivals(Generic[Value]):
 class Silence:
     """Notices that one of several streams of a connected device has been silent for too long.
 
-    streams: names of those that send all the time. limit_s: how long each may be silent. Counted from now on. A process
-    that was stopped meanwhile first reads what has come: its own sleep is not the device's silence. clock_s: the clock
-    of the event loop.
+    streams: names of those that send all the time. limit_s: how long each may be silent, by its name where they
+    differ. Counted from now on. A process that was stopped meanwhile first reads what has come: its own sleep is not
+    the device's silence. clock_s: the clock of the event loop.
     """
 
-    def __init__(self, streams: Iterable[str], limit_s: float, clock_s: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        streams: Iterable[str],
+        limit_s: float | Mapping[str, float],
+        clock_s: Callable[[], float] = time.monotonic,
+    ) -> None:
         self._heard_s = dict.fromkeys(streams, clock_s())
-        self._limit_s, self._clock_s = limit_s, clock_s
+        self._limits_s = limit_s if isinstance(limit_s, Mapping) else dict.fromkeys(self._heard_s, limit_s)
+        self._clock_s = clock_s
         self._alarm_s = 0.0  # not before, by the monotonic clock
 
     def broken_by(self, stream: str) -> None:
@@ -94,16 +100,16 @@ class Silence:
             self._heard_s[stream] = self._clock_s()
 
     async def watch(self, arrival: Awaitable[Value]) -> Value:
-        """Return what is awaited. Raises DeviceLost where a stream stays silent for longer than the limit."""
+        """Return what is awaited. Raises DeviceLost where a stream stays silent for longer than its limit."""
         if not self._heard_s:
             return await arrival
-        stream, heard_s = min(self._heard_s.items(), key=lambda each: each[1])
+        due_s, stream = min((heard_s + self._limits_s[each], each) for each, heard_s in self._heard_s.items())
         try:
             async with asyncio.timeout(None) as limit:
-                with _Alarm(max(heard_s + self._limit_s, self._alarm_s), limit) as alarm:
+                with _Alarm(max(due_s, self._alarm_s), limit) as alarm:
                     return await arrival
         except TimeoutError as err:
-            raise DeviceLost(f"connected, but no {stream} for {self._limit_s:g} s") from err
+            raise DeviceLost(f"connected, but no {stream} for {self._limits_s[stream]:g} s") from err
         finally:
             self._alarm_s = alarm.at_s
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sense4hri.chunk import Chunk
 from sense4hri.errors import ConfigError, FrameError
+from sense4hri.intake import LONGEST_NAME
 from sense4hri.modalities import check_unit
 from sense4hri.names import HUMAN_ID, HUMAN_ID_FORM, SENSOR_ID, SENSOR_ID_FORM, UNASSIGNED
 from sense4hri.running_rate import RATE_TRUST
@@ -210,6 +211,12 @@ def check_stream(sensor_type: str, own: Stream, stream: Stream) -> None:
         raise ConfigError(f"parameter '{sensor_type}.unit': {err}") from err
     if len(stream.channel_names) != len(own.channel_names):
         raise ConfigError(f"parameter '{sensor_type}.channel_names' must name {len(own.channel_names)} channels")
+    longest = max(stream.channel_names, key=len, default="")
+    if len(longest) > LONGEST_NAME:  # whoever listens would refuse every message
+        raise ConfigError(
+            f"parameter '{sensor_type}.channel_names': a name of {len(longest)} characters, {longest[:20]!r}..; "
+            f"at most {LONGEST_NAME} can be"
+        )
 
 
 def check_rate(sensor_type: str, own: Stream, stream: Stream) -> None:

@@ -10,6 +10,7 @@ from rclpy.parameter import Parameter
 
 from sense4hri import parameters
 from sense4hri.device import DriverConfig, Identity
+from sense4hri.intake import LONGEST_NAME
 from sense4hri.schema import check, find
 from sense4hri.service import Service
 
@@ -34,10 +35,15 @@ class OwnParameters:
             self._own_change = False
 
     def identify(self, identity: Identity, config: DriverConfig) -> None:
-        """Tell what the device says of itself, where the study says nothing."""
+        """Tell what the device says of itself, where the study says nothing; of a long text what others read of it."""
         told = {name: value for name, value in identity._asdict().items() if value is not None}
         defaults = {field.name: field.default for field in dataclasses.fields(config)}
         known = {name: value for name, value in told.items() if getattr(config, name) == defaults[name]}
+        for name, text in known.items():
+            if len(text) > LONGEST_NAME:
+                told_of = f"{config.sensor_id}: the device says a {name} of {len(text)} characters"
+                self._service.log.warning(f"{told_of}: the first {LONGEST_NAME} are kept")
+                known[name] = text[:LONGEST_NAME]
         with self.changing():
             self._service.node.set_parameters(parameters.as_parameters(known))
 

@@ -5,13 +5,15 @@ tells at once how many samples are missing. Where jitter hides single samples, o
 is believed once frames have stayed late for clearly longer, or are clearly later, than whatever came back within the
 last minute: mostly some frames after the loss, and the number of lost frames is exact. The evidence is a cumulative
 sum over how late each frame is (Page, Biometrika 41, 1954). Before thirty frames have shown how much stamps jitter, a
-loss is believed in the same way; from the fourth frame on single samples are counted where none has shown jitter.
+loss is believed in the same way; from the fourth frame on single samples are counted where none has shown jitter. What
+the coarse ticks of a clock explain (1 ms of a board's `millis()`) is no jitter: they move a stamp by one tick at most.
 """
 
 from bisect import bisect_left
 from collections import deque
 from heapq import nlargest
 from itertools import islice
+from math import gcd
 from statistics import median
 
 from sense4hri.running_rate import MEMORY_S
@@ -23,6 +25,7 @@ STEADY_FRAMES = 3  # frames whose stamps did not jitter: what is missing after t
 UNSURE = 0.6  # samples: where 3.5 times the usual jitter is more, only whole frames are missed
 PAUSE, ROOM = 0.7, 1.2  # of a sample: boards pause for less; 1.2 times the jitter less than a whole one
 WHOLE = 0.05  # samples: so near to whole numbers losses lie where stamps do not jitter
+TICK = 1 / 3  # samples: a clock of shorter ticks hides no single sample, also where its board pauses a little
 SHIFT = 0.75  # of a frame: a board that pauses shifts its frames by less, one that loses a frame by a whole one
 VOTE = 0.5  # of a frame: so much beyond SHIFT a single frame adds to the evidence at the most
 LEAST, USUALS, BEFORE, YOUNG = 0.1, 2.0, 2.5, 3.0
@@ -42,7 +45,8 @@ class Jitter:
         self._shown = deque[float](maxlen=SPREAD_FRAMES)  # samples by which frames came late or early
         self._shown_ns = deque[int](maxlen=SPREAD_FRAMES)  # the stamps of these frames
         self._frames = self._looked = self._known = 0
-        self._usual = 0.0
+        self._stamp_ns = self._tick_ns = 0
+        self._usual = self._tick = 0.0  # samples by which a frame is usually late or early, and by its clock's ticks
         self._shift = _Shift()
 
     @property
@@ -50,17 +54,18 @@ class Jitter:
         """True while the newest frames are late or early, and nothing tells yet why: their rate is no rate."""
         return self._shift.undecided
 
-    def missing(self, late: float, n: int, stamp_ns: int) -> int | None:
+    def missing(self, late: float, n: int, stamp_ns: int, fs_hz: float) -> int | None:
         """Return how many samples are known now to be missing; None where the frame of n continues the one before.
 
         late: by how many samples longer its stamp took than its samples do; negative = too early.
         """
         self._frames += 1
-        whole = late > 0.5 and abs(late - round(late)) < (WHOLE if self._shown else WHOLE / 10)
+        self._learn_tick(stamp_ns, fs_hz)
+        whole = late > 0.5 and abs(late - round(late)) < self._tick + (WHOLE if self._shown else WHOLE / 10)
         least = max(0.5, n / 20)
         tolerance = self._tolerance(least, whole)
         if abs(late) < n / 2 and not whole:
-            self._shown.append(abs(late))
+            self._shown.append(max(abs(late) - self._tick, 0.0))
             self._shown_ns.append(stamp_ns)
         self._look(stamp_ns)
         if tolerance is None:
@@ -73,6 +78,20 @@ class Jitter:
     def of_another_rate(self) -> None:
         """The stream's rate is known better now: how late frames are usually is learnt afresh."""
         self._shift.settle()
+
+    def _learn_tick(self, stamp_ns: int, fs_hz: float) -> None:
+        """Learn in which steps the device's clock counts: they divide all that passes between two stamps.
+
+        What has passed for jitter until then may have been of the ticks.
+        """
+        before_ns, self._tick_ns = self._tick_ns, gcd(self._tick_ns, stamp_ns - self._stamp_ns) if self._stamp_ns else 0
+        self._stamp_ns = stamp_ns
+        tick = self._tick_ns * fs_hz / SECOND_NS
+        self._tick = tick if WHOLE < tick < TICK else 0.0
+        if self._tick and self._tick_ns != before_ns:
+            self._shown.clear()
+            self._shown_ns.clear()
+            self._known, self._usual = 0, 0.0
 
     def _look(self, stamp_ns: int) -> None:
         """Learn the usual jitter: with every frame at first, now and then later."""
@@ -89,11 +108,12 @@ class Jitter:
             return least if whole and self._usual < 2 * WHOLE else None
         if self._hides(least):
             return None
-        return max(least, SPREADS * self._usual, min(PAUSE, 1 - ROOM * self._usual))
+        spread = self._tick + SPREADS * self._usual
+        return max(least, spread, min(PAUSE, 1 - ROOM * self._usual))
 
     def _hides(self, least: float) -> bool:
         """Whether the usual jitter is so large that it hides single samples."""
-        return SPREADS * self._usual > max(UNSURE, least)
+        return self._tick + SPREADS * self._usual > max(UNSURE, least)
 
 
 class _Shift:

@@ -90,7 +90,7 @@ class SampleClock:
             self._jitter = Jitter()
             self._leaps = _Leaps(stamp_ns, chunk.received_ns)
             return self._timed(chunk, self._back_from(stamp_ns, n), Break.RESET, 0)
-        missing = self._jitter.missing(delta_ns / SECOND_NS * self.fs_hz - n, n, stamp_ns)
+        missing = self._jitter.missing(delta_ns / SECOND_NS * self.fs_hz - n, n, stamp_ns, self.fs_hz)
         steps = np.arange(1, n + 1, dtype=np.int64)
         between_ns = previous_ns + (steps * delta_ns) // n
         if missing is None:

@@ -25,6 +25,8 @@ from bridge_lsl.config import Config
 from bridge_lsl.outlets import Offered
 from bridge_lsl.stamping import Model, Stamping, here_ns
 
+MARKERS = "/study/markers"
+LOOK_EVERY_S = 10.0
 FEATURES = {f"sense4hri_msgs/msg/{each.message}" for each in MODALITIES.values() if each.message}
 
 
@@ -53,7 +55,20 @@ class Bridge:
         service.watch([f"{ROOT}/*/*/*/features"], self._features, FEATURES)
         if service.config.markers:
             self._markers = Offered(described.of_markers())
-            service.subscribe(Marker, "/study/markers", self._marker, qos.MARKERS)
+            service.subscribe(Marker, MARKERS, self._marker, qos.MARKERS)
+        self._twice: list[str] = []
+        service.every(LOOK_EVERY_S, self._look)
+
+    def _look(self) -> None:
+        """Say what another bridge offers too: under the same source_id, as it is the same."""
+        node, before = self._service.node, self._twice
+        ours = [*self._bridged, *([MARKERS] if self._service.config.markers else [])]
+        readers = {topic: [each.node_name for each in node.get_subscriptions_info_by_topic(topic)] for topic in ours}
+        self._twice = sorted(topic for topic, names in readers.items() if names.count(node.get_name()) > 1)
+        if self._twice and self._twice != before:
+            others = f" and {len(self._twice) - 1} more" if self._twice[1:] else ""
+            offers = f"another {node.get_name()} offers {self._twice[0]}{others} too, or one did that was just killed"
+            self._service.log.warning(f"{offers}: LSL programs see each of two such outlets")
 
     def _add(self, info: StreamInfo) -> None:
         topic = info.name.topic("raw")

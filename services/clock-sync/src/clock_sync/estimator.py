@@ -18,6 +18,7 @@ from clock_sync.envelope import Envelope
 from clock_sync.epoch import Epoch, Jump, Packet
 from clock_sync.host_steps import STEP_NS, Accounts, HostStep
 from clock_sync.model import Model, State
+from clock_sync.two_way import TwoWay
 
 SECOND_NS = 1_000_000_000
 STALL_S = 3.0
@@ -129,7 +130,8 @@ class ClockEstimator:
         epoch = self._epoch
         if epoch is None or stamp_ns < epoch.received_ns - SECOND_NS:
             return False
-        if epoch.measured_ns is not None and stamp_ns <= epoch.measured_ns:
+        back_ns = -1 if epoch.measured_ns is None else epoch.measured_ns - stamp_ns
+        if 0 <= back_ns <= TWO_WAY_FRESH_S * SECOND_NS:
             return False
         tau, y = epoch.tau_s(device_ns), epoch.y_s(device_ns, device_ns + offset_ns)
         line = epoch.envelope.line
@@ -137,6 +139,8 @@ class ClockEstimator:
         if abs(y - line.at(tau)) > FOREIGN_MEASUREMENT_S:
             self.strays += 1
             return False
+        if back_ns > 0:
+            epoch.two_way = TwoWay()  # what was measured last is of a time that has not come
         stepped = epoch.two_way.add(tau, y, uncertainty_s)
         if stepped:
             fresh = Epoch(epoch.device_ns, epoch.received_ns)

@@ -112,10 +112,11 @@ class Reference(Answers):
         if peer is None or asked is None:
             return
         peer.pending.remove(asked)
-        peer.heard_s = time.monotonic()
-        if abs(realtime_minus_monotonic_ns() - asked.account_ns) > STEP_NS:
+        trip = RoundTrip(probe.t1_ns, probe.t2_ns, probe.t3_ns, heard_ns)
+        if not trip.usable or abs(realtime_minus_monotonic_ns() - asked.account_ns) > STEP_NS:
             return
-        if peer.estimator.add(RoundTrip(probe.t1_ns, probe.t2_ns, probe.t3_ns, heard_ns)):
+        peer.heard_s = time.monotonic()
+        if peer.estimator.add(trip):
             stepped = f"the clock of host {probe.to_host}, or of this host {self._host}, was stepped"
             self._service.log.warning_at_times(stepped, STEP_EVERY_S)
             self._tell()

@@ -12,6 +12,7 @@ from sense4hri.chunk import Chunk
 from sense4hri.clock_model import event_ns
 from sense4hri.device import ClockMeasurement, Declared, Item, Marked, Noted, Samples, Stream, number_text
 from sense4hri.errors import ConfigError, FrameError
+from sense4hri.intake import LONGEST_TEXT
 from sense4hri.signal_files.choice import unique
 from sense4hri.signal_files.units import scaled
 from sense4hri.stream_info import long_s
@@ -39,7 +40,8 @@ class LslDevice:
                 tuned = Tuned.to(opened.value.descriptions, self._config)
                 for item in tuned.introduction():
                     yield item
-                silence = Silence(tuned.rates_hz, tuned.patience_s(self._config.silence_s))
+                patience_s = tuned.patience_s(self._config.silence_s)
+                silence = Silence(patience_s, patience_s)
                 while True:
                     arrival: Arrival[News] = await silence.watch(arrivals.get())
                     if isinstance(arrival.value, Pulled | Told):
@@ -68,15 +70,10 @@ class Tuned:
         picked = pick(outlets, config.wanted)
         return cls(outlets, picked, config.markers, "" if config.wanted else left_out(outlets, picked))
 
-    @property
-    def rates_hz(self) -> dict[str, float]:
-        """Rates of the outlets that send all the time, by name, which is told from others of the same name."""
+    def patience_s(self, least_s: float) -> dict[str, float]:
+        """Return how long each outlet that sends all the time may be silent, by name: so long, or as its rate asks."""
         rates = {self.names[number]: self.outlets[number].rate_hz for number in {each.outlet for each in self._picked}}
-        return {name: rate_hz for name, rate_hz in rates.items() if rate_hz}
-
-    def patience_s(self, least_s: float) -> float:
-        """Return how long they may be silent: so many seconds, or as the slowest one of them may."""
-        return long_s(least_s, min(self.rates_hz.values(), default=0.0))
+        return {name: long_s(least_s, rate_hz) for name, rate_hz in rates.items() if rate_hz}
 
     def introduction(self) -> Iterator[Item]:
         """Yield who the device is and what it measures."""
@@ -119,6 +116,8 @@ class Tuned:
             name, value = words(row, outlet)
             if not name:
                 yield FrameError(f"an event of {outlet!r} without any text")
+            elif len(value) > LONGEST_TEXT:
+                yield FrameError(f"an event of {outlet!r} with {len(value)} characters, at most {LONGEST_TEXT} can be")
             elif self._markers:
                 yield Marked(event_ns(received_ns, time_ns, offset_ns), time_ns, name, value)
 

@@ -174,7 +174,8 @@ class Pending:
             newest_ns = int(times_ns[-1]) if times_ns.size else None
             self._newest_ns = received_ns + number
             chunk = Chunk(tuple(self._own.channels), rows, newest_ns, self._newest_ns)
-            timed = times_ns if times_ns.size and self._own.rate_hz else None
+            coarse = np.diff(times_ns).min(initial=1) == 0  # two samples in one tick: a step of two ticks is no loss
+            timed = times_ns if times_ns.size and self._own.rate_hz and not coarse else None
             yield Samples(self._sensor_type, chunk, timed, self.lost)
             self.lost = None if self.lost is None else 0
         self.rows, self.times_ns = [], []
