@@ -59,6 +59,19 @@ def test_nothing_is_missed_while_subscriptions_come_and_go(spun, opened):
     assert heard == [str(number) for number in range(CYCLES)]
 
 
+def test_of_what_has_come_and_gone_nothing_is_kept(spun):
+    """Not the weak references either that rclpy leaves in the node's callback group, some for each subscription."""
+    spun.thread.start()
+    kept = spun.node.default_callback_group.entities
+    for number in range(CYCLES):
+        other = spun.node.create_subscription(String, f"/other_{number}", lambda message, info: None, 1)
+        spun.node.destroy_subscription(other)
+    del other
+    spun.thread.do(spun.node.executor.wake)  # what it waited for until now is free in the next look
+    poll(lambda: all(one() is not None for one in list(kept)), lambda: f"{len(kept)} are kept, {spun.failures}", 10)
+    assert spun.failures == []
+
+
 def test_who_is_answered_later_keeps_nobody_waiting(spun, opened):
     """A service answers with what a Future will hold; meanwhile another one, and tasks, get their turn."""
     later, turned = Future(), threading.Event()

@@ -149,6 +149,15 @@ class Executor:
             _Kind("client", responses, self._wait_set.add_client),
             _Kind("service", requests, self._wait_set.add_service),
         ]
+        self._forget()
+
+    def _forget(self) -> None:
+        """Drop what rclpy keeps in the node's callback group of all that has ever been: weak references, now dead.
+
+        Other threads add to the group meanwhile: only a copy is looked through.
+        """
+        kept = self._node.default_callback_group.entities
+        kept.difference_update([one for one in kept.copy() if one() is None])
 
     def _hold(self, entities: list[Any], take: Callable[[Any], bool]) -> list["_Held"]:
         """Return those that are not destroyed, each with how something of it is taken."""
