@@ -55,9 +55,16 @@ class Outcome(NamedTuple):
 
 
 def fuzz(
-    start: Callable[..., Process], opened: Callable[[ThirdPartyDriver], ThirdPartyDriver], folder: Path, count: int
+    start: Callable[..., Process],
+    opened: Callable[[ThirdPartyDriver], ThirdPartyDriver],
+    folder: Path,
+    count: int,
+    settle_s: float = 0.0,
 ) -> Outcome:
-    """Run every service of a study, one healthy stream, and a stranger who sends count things."""
+    """Run every service of a study, one healthy stream, and a stranger who sends count things.
+
+    settle_s: how long the services have to give memory back before it is looked at, twice.
+    """
     given: dict[str, dict[str, Any]] = {
         "recorder": {"directory": folder / "recordings", "free_floor_mb": 0},
         "metadata_registry": {"database": folder / "registry.sqlite"},
@@ -73,12 +80,14 @@ def fuzz(
     _play(driver)
     first = count // FIRST_PART
     sent = _visited(start, driver, first, seed=2)
+    _play(driver, settle_s)
     before_mib = _resident_mib(running)
     sent += _visited(start, driver, count - first, seed=1)
     counted = lambda: _refused(running["interpreter_ecg"], "PhysioRaw")  # noqa: E731
     dead = [name for name, process in running.items() if process.child.poll() is not None or not _alive(process)]
     if not dead:
         driver.until(lambda: counted() >= sent[HEALTHY.topic("raw")], lambda: f"{counted()} of {sent}", SAID_WITHIN_S)
+    _play(driver, settle_s)
     after_mib = _resident_mib(running)
     logs = {name: process.log() for name, process in running.items()}
     if running["recorder"].child.poll() is None:
@@ -126,9 +135,9 @@ def _told(process: Process, metric: str) -> float:
     return float(found[1]) if found else 0.0
 
 
-def _play(driver: ThirdPartyDriver) -> None:
-    """Play some seconds, and wait for what was made of all that was played so far."""
-    driver.play(PLAYED_S)
+def _play(driver: ThirdPartyDriver, seconds: float = PLAYED_S) -> None:
+    """Play so long, and wait for what was made of all that was played so far."""
+    driver.play(seconds)
     driver.until(
         lambda: len(driver.features) >= _due(driver), lambda: f"{len(driver.features)} of {_due(driver)} features"
     )

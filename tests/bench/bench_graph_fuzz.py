@@ -20,6 +20,7 @@ def rows() -> list[dict]:
     """Everything measured here, for `make bench`."""
     from fuzzed_study import fuzz
     from processes import Processes, claimed_domain
+    from sense4hri.memory import TRIM_EVERY_S
 
     begun_s = time.monotonic()
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
@@ -27,7 +28,13 @@ def rows() -> list[dict]:
         stack.enter_context(mock.patch.dict(os.environ, {"ROS_DOMAIN_ID": str(domain)}))
         processes = Processes(Path(folder), Path(folder))
         stack.callback(processes.close)
-        outcome = fuzz(processes.start, lambda driver: stack.enter_context(closing(driver)), Path(folder), THINGS)
+        outcome = fuzz(
+            processes.start,
+            lambda driver: stack.enter_context(closing(driver)),
+            Path(folder),
+            THINGS,
+            1.5 * TRIM_EVERY_S,
+        )
     lost = outcome.lost_samples + outcome.lost_features
     ended = (
         f"{len(outcome.dead)} services ended, {len(outcome.tracebacks)} tracebacks, {lost} messages or features lost"
