@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import time
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -80,14 +81,14 @@ def fuzz(
     _play(driver)
     first = count // FIRST_PART
     sent = _visited(start, driver, first, seed=2)
-    _play(driver, settle_s)
+    _wait(driver, settle_s)
     before_mib = _resident_mib(running)
     sent += _visited(start, driver, count - first, seed=1)
     counted = lambda: _refused(running["interpreter_ecg"], "PhysioRaw")  # noqa: E731
     dead = [name for name, process in running.items() if process.child.poll() is not None or not _alive(process)]
     if not dead:
         driver.until(lambda: counted() >= sent[HEALTHY.topic("raw")], lambda: f"{counted()} of {sent}", SAID_WITHIN_S)
-    _play(driver, settle_s)
+    _wait(driver, settle_s)
     after_mib = _resident_mib(running)
     logs = {name: process.log() for name, process in running.items()}
     if running["recorder"].child.poll() is None:
@@ -135,9 +136,14 @@ def _told(process: Process, metric: str) -> float:
     return float(found[1]) if found else 0.0
 
 
-def _play(driver: ThirdPartyDriver, seconds: float = PLAYED_S) -> None:
-    """Play so long, and wait for what was made of all that was played so far."""
-    driver.play(seconds)
+def _wait(driver: ThirdPartyDriver, seconds: float) -> None:
+    ends_s = time.monotonic() + seconds
+    driver.until(lambda: time.monotonic() >= ends_s, "so much time has passed", 2 * seconds + 1)
+
+
+def _play(driver: ThirdPartyDriver) -> None:
+    """Play some seconds, and wait for what was made of all that was played so far."""
+    driver.play(PLAYED_S)
     driver.until(
         lambda: len(driver.features) >= _due(driver), lambda: f"{len(driver.features)} of {_due(driver)} features"
     )

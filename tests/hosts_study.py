@@ -24,6 +24,13 @@ SENSORS = ("toy_1", "toy_2")
 SECOND = 1_000_000_000
 
 
+def surroundings(network: SlowNetwork, host: str, domain: int) -> dict[str, str]:
+    """Return the environment of a process on a host."""
+    env = {"SENSE4HRI_HOST": host, "ROS_STATIC_PEERS": network.peers(host), "ROS_DOMAIN_ID": str(domain)}
+    env |= {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+    return env | {"PATH": os.environ["PATH"], "FASTRTPS_DEFAULT_PROFILES_FILE": str(PROFILES)}
+
+
 class Account(NamedTuple):
     """Of one stream, in samples. span: from the first to the last that arrived, by their own numbers."""
 
@@ -123,9 +130,6 @@ class HostsStudy:
         return sum(path.stat().st_size for path in self.recordings.rglob("*.mcap"))
 
     def _start(self, host: str, name: str, command: str, **parameters: Any) -> None:
-        env = {"SENSE4HRI_HOST": host, "ROS_STATIC_PEERS": self.network.peers(host)}
-        env |= {"ROS_DOMAIN_ID": str(self._domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
-        env |= {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"} | (self.clock.env if host == "drive" else {})
-        env |= {"PATH": os.environ["PATH"], "FASTRTPS_DEFAULT_PROFILES_FILE": str(PROFILES)}
+        env = surroundings(self.network, host, self._domain) | (self.clock.env if host == "drive" else {})
         log, before = self.folder / f"{name}.log", self.network.inside(host)
         self.processes[name] = Process(log, command, env=env, parameters=parameters, before=before)

@@ -5,15 +5,18 @@ They find each other by static peers (docs/decisions/static-peers.md): there is 
 
 import statistics
 import time
+from pathlib import Path
 
 import pytest
-from hosts_study import HostsStudy
-from slow_network import why_not
+from hosts_study import HostsStudy, surroundings
+from processes import Process
+from slow_network import SlowNetwork, why_not
 
 LOSS, DELAY_S = 0.05, 0.1
 RECOVERY_S = 5.0
 NEAR_S = 5e-3  # the network is a thread of this process, which others keep waiting; the number is bench_hosts.py's
 WHY_NOT = why_not()
+CROWD = Path(__file__).parents[1] / "crowd.py"
 
 pytestmark = pytest.mark.skipif(bool(WHY_NOT), reason=WHY_NOT)
 
@@ -48,3 +51,19 @@ def test_what_arrives_and_what_is_told_lost_is_all_through_partitions_and_steps(
         assert len(errors) > 10
         assert all(abs(error_s) <= uncertainty_s for error_s, uncertainty_s in errors), (host, errors)
         assert statistics.median(abs(error_s) for error_s, _ in errors) < NEAR_S, (host, errors)
+
+
+def test_each_hears_each_however_many_there_are(ros_domain, tmp_path):
+    """Six processes on each of two hosts: without multicast, those beyond the fourth of both find each other too."""
+    network = SlowNetwork("drive", "keep")
+    crowds: list[Process] = []
+    try:
+        for host, other in (("drive", "keep"), ("keep", "drive")):
+            env, before = surroundings(network, host, ros_domain), network.inside(host)
+            crowds.append(Process(tmp_path / f"{host}.log", CROWD, host, other, env=env, before=before))
+        for crowd in crowds:
+            crowd.until("all heard")
+    finally:
+        for crowd in crowds:
+            crowd.end()
+        network.close()
