@@ -141,7 +141,8 @@ def test_driver_that_vanishes_in_the_middle(peer: Peer, cast: Cast) -> None:
     """A driver that hangs while it is assigned is told when it is back; what is set by hand afterwards is undone."""
     registry = cast.registry()
     driver = cast.driver("p1")
-    peer.wait(lambda: peer.sensors and peer.sensors[0].online, "the sensor is known")
+    known = lambda: peer.sensors and peer.sensors[0].online and peer.sensors[0].firmware_version  # noqa: E731
+    peer.wait(known, "the sensor is known with what its driver says of it: it is not asked any more")
     driver.send(signal.SIGSTOP)
     answer = peer.call(AssignSensor, "/study/assign_sensor", sensor_id="strap_1", human_id="p4")
     assert not answer.success
