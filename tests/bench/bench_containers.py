@@ -7,10 +7,11 @@ import time
 from pathlib import Path
 
 TESTS = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(TESTS / "containers"), str(TESTS.parent / "compose")]
+sys.path[:0] = [str(TESTS), str(TESTS / "containers"), str(TESTS.parent / "compose")]
 
 import study_file  # noqa: E402
-from docker_study import DOCKER, Study, cpu_s, docker, resident_mb, wait_for  # noqa: E402
+from docker_study import DOCKER, Study, cpu_s, docker, resident_mb  # noqa: E402
+from processes import wait_for  # noqa: E402
 
 MEASURE_S = 20.0
 FIRST_FEATURE_TARGET_S = 30.0
