@@ -133,7 +133,8 @@ def _resident_mib(running: dict[str, Process]) -> dict[str, float]:
 
 def _told(process: Process, metric: str) -> float:
     found = re.search(rf"^{re.escape(metric)} (\S+)$", process.get("/metrics")[1], re.M)
-    return float(found[1]) if found else 0.0
+    assert found, f"{metric} is not told"
+    return float(found[1])
 
 
 def _wait(driver: ThirdPartyDriver, seconds: float) -> None:

@@ -42,7 +42,8 @@ def rows() -> list[dict]:
     ended += f", {outcome.silent} neither recorded nor told"
     counted = f"{outcome.uncounted} not counted, {len(outcome.unnamed)} services that do not name it"
     grown, name, before_mib = max(
-        (after / before - 1, name, before) for name, (before, after) in outcome.resident_mib.items()
+        ((after / before - 1, name, before) for name, (before, after) in outcome.resident_mib.items()),
+        default=(0.0, "none is left", 0.0),
     )
     counted += f"; memory {grown:+.0%} of {before_mib:.0f} MiB at the most, {name}"
     measured = f"{outcome.sent} sent: {ended}, {counted}; {time.monotonic() - begun_s:.0f} s"
