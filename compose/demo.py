@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 END_LAST = ("sensor_bench", "recorder")  # the drivers release their sensors before, the recorder hears all of it
 READY_S = 90.0  # the beats of a recording are found first
+READY_EACH_S = 5.0  # processes that begin at once share the cores
 STOP_S = 10.0  # of each process, as Docker stops a container
 PROGRESS_S = 10.0
 REPORT_S, REPORT_CTRL_C_S = 20.0, 3.0  # after a Ctrl-C all is to end within 10 s; the recorder, ending, finishes it
@@ -197,7 +198,7 @@ def _page(children: Children, study: Study) -> str:
 
 def _until_ready(group: list[Child], stop: _StopFlag, path: str = "/readyz") -> bool:
     """Wait for all of them, a line each; False where one does not come up, or all is to stop."""
-    deadline = time.monotonic() + READY_S + len(group)  # many that begin at once share the cores
+    deadline = time.monotonic() + _ready_s(len(group))
     for child in group:
         while not child.ready(path):
             if stop.set:
@@ -213,13 +214,18 @@ def _until_ready(group: list[Child], stop: _StopFlag, path: str = "/readyz") -> 
     return True
 
 
+def _ready_s(processes: int) -> float:
+    """Return how long so many processes may take to begin, in s."""
+    return READY_S + READY_EACH_S * processes
+
+
 def _watch(watch: "StudyWatch", children: Children, study: Study, options: argparse.Namespace, stop: _StopFlag) -> int:
     from demo_session import DemoSession, recorded
 
     page = _page(children, study)
     session = DemoSession(watch, _say)
     session.start(study)
-    failed = _follow(watch, children, session, options.duration, stop)
+    failed = _follow(watch, children, session, options.duration, stop, _ready_s(len(study.processes)))
     lasted_s = _lasted_s(session)
     bench = study.of("sensor_bench")
     truth = children[bench.name].get("/truth") if bench else {}
@@ -243,7 +249,12 @@ def _watch(watch: "StudyWatch", children: Children, study: Study, options: argpa
 
 
 def _follow(
-    watch: "StudyWatch", children: Children, session: "DemoSession", duration: float | None, stop: _StopFlag
+    watch: "StudyWatch",
+    children: Children,
+    session: "DemoSession",
+    duration: float | None,
+    stop: _StopFlag,
+    ready_s: float,
 ) -> list[str]:
     """Watch until the end; set the markers of a session of known length; return what went wrong."""
     failed: list[str] = []
@@ -267,9 +278,9 @@ def _follow(
                 session.mark(markers.pop(0)[1])
             if lasted_s >= duration:
                 break
-        elif session.over or time.monotonic() - begun > READY_S:
+        elif session.over or time.monotonic() - begun > ready_s:
             if not session.over:
-                failed.append(f"the session did not begin within {READY_S:.0f} s")
+                failed.append(f"the session did not begin within {ready_s:.0f} s")
             break
     return failed
 

@@ -1,8 +1,9 @@
-"""The demo study in containers: time to the first feature, memory and CPU of every service, size of the base image."""
+"""The demo study in containers: time to the first feature and to a changed service, memory, CPU, size of the base."""
 
 import json
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -10,7 +11,7 @@ TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(TESTS), str(TESTS / "containers"), str(TESTS.parent / "compose")]
 
 import study_file  # noqa: E402
-from docker_study import DOCKER, Study, cpu_s, docker, resident_mb  # noqa: E402
+from docker_study import DOCKER, ROOT, Study, cpu_s, docker, resident_mb  # noqa: E402
 from processes import wait_for  # noqa: E402
 
 MEASURE_S = 20.0
@@ -18,6 +19,25 @@ FIRST_FEATURE_TARGET_S = 30.0
 BASE_TARGET_MB = 300.0
 SENSORS = [service.name for service in study_file.read(study_file.find("demo")).sensors]
 SENSOR_BENCH = "sensor-bench"
+CHANGED = "fusion-affect"
+
+
+def changed_s(study: Study) -> float:
+    """Seconds from one more line in a running service's source to its new container, built and healthy."""
+    images = Path("compose", "images.sh")
+    with tempfile.TemporaryDirectory() as folder:
+        clone = Path(folder)
+        subprocess.run(["git", "clone", "--quiet", str(ROOT), folder], check=True)
+        with (clone / "services" / CHANGED / "src" / CHANGED.replace("-", "_") / "__main__.py").open("a") as source:
+            source.write("# one more line\n")
+        before, begun = study.container(CHANGED), time.monotonic()
+        try:
+            subprocess.run([clone / images, CHANGED], check=True, stdout=subprocess.DEVNULL)
+            study.up(CHANGED)
+            wait_for(lambda: study.container(CHANGED) != before and study.healthy(CHANGED), 120, f"{CHANGED} is back")
+            return time.monotonic() - begun
+        finally:
+            subprocess.run([ROOT / images, CHANGED], check=True, stdout=subprocess.DEVNULL)
 
 
 def image_mb(image: str) -> float:
@@ -73,6 +93,8 @@ def rows() -> list[dict]:
             row("all containers, four sensors streaming", "reported", f"{total_mb:.0f} MB {total_cpu:.0f} %", None)
         )
         results.append(row("each of them", "reported", figures(used), None))
+        changed = f"{changed_s(study):.1f} s"
+        results.append(row("one line changed in a service: built, started, healthy", "seconds", changed, None))
         study.compose("stop", *SENSORS, SENSOR_BENCH)
         idle = usage(study, [name for name in services if name not in (*SENSORS, SENSOR_BENCH)])
         ours = {name: values for name, values in idle.items() if name != "prometheus"}

@@ -1,6 +1,7 @@
 """The paper's figure as real processes: virtual sensors, drivers, interpreters, fusion, recorded, by `make demo`."""
 
 import contextlib
+import json
 import os
 import pty
 import re
@@ -57,6 +58,22 @@ def test_the_demo_runs_the_whole_chain_and_says_what_it_saw(demo, tmp_path):
         assert recorded[f"/humans/physiological/{human_id}/state"] > 20
     assert sum(topic.endswith("/raw") for topic in recorded) == len(STUDY.required_streams)
     assert recorded["/study/markers"] >= 2
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+def test_eight_participants_are_recorded(demo):
+    """The session begins, and its report knows all of the sixteen streams, none of them broken."""
+    required = study_file.read(study_file.find("eight-participants")).required_streams
+    assert len(required) == 16
+    run = demo("--study", "eight-participants", "--duration", "10")
+    assert run.wait(600) == 0, "\n".join(run.lines)
+    file = recorded_into("\n".join(run.lines)) / "report.json"
+    poll(file.exists, f"{file}")
+    report = json.loads(file.read_text())
+    assert report["verdict"] != "broken", report["why"]
+    of = {stream["topic"]: stream for stream in report["streams"]}
+    assert [topic for topic in required if of[topic]["samples"] < 8.0 * of[topic]["declared_hz"]] == []
 
 
 def recorded_into(output: str) -> Path:

@@ -19,6 +19,7 @@ from rosbags.highlevel import AnyReader
 pytestmark = [
     pytest.mark.timeout(1800),
     pytest.mark.skipif(not (CACHE / "bin" / "kubelet").exists(), reason="no cluster is built: k8s/cluster/build.sh"),
+    pytest.mark.skipif(Path("/sys/fs/cgroup/cgroup.controllers").exists(), reason="Kubernetes 1.20 needs cgroup v1"),
 ]
 DEMO = ROOT / "k8s" / "demo"
 NAMESPACE = "sense4hri-demo"
