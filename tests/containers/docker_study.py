@@ -44,7 +44,7 @@ class Study:
         file = study_file.find(name)
         (ROOT / "build").mkdir(exist_ok=True)
         own = study_tokens.folder(name, Path(tempfile.mkdtemp(prefix="tokens-", dir=ROOT / "build")))
-        files = [file, study_tokens.overlay(study_tokens.with_http(file, machine), own), *more]
+        files = [file, study_tokens.overlay(study_tokens.taking(file, machine), own), *more]
         self._files = [word for file in files for word in ("-f", str(file))]
         self.tokens = {role: (own / role).read_text().strip() for role in study_tokens.ROLES}
         self._kept = own.parent
