@@ -51,13 +51,13 @@ def _make(file: Path) -> None:
 def overlay(given: Mapping[str, tuple[str, ...]], own: Path) -> Path:
     """Write, beside the tokens, the compose file that hands them to these services, each with its roles."""
     file = own / "compose.json"
-    services = {name: {"environment": named(roles), "secrets": list(roles)} for name, roles in given.items()}
+    services = {name: {"environment": files_of(roles), "secrets": list(roles)} for name, roles in given.items()}
     content = {"services": services, "secrets": {role: {"file": str(own / role)} for role in ROLES}}
     file.write_text(json.dumps(content, indent=1))
     return file
 
 
-def named(roles: tuple[str, ...]) -> dict[str, str]:
+def files_of(roles: tuple[str, ...]) -> dict[str, str]:
     """Return the variables that name the files of these roles."""
     return {f"SENSE4HRI_{role.upper()}_TOKEN_FILE": f"{INSIDE}/{role}" for role in roles}
 

@@ -11,7 +11,7 @@ from pathlib import PurePosixPath
 from typing import Any
 
 from study_file import Service, Study, StudyError
-from study_tokens import INSIDE, ROLES, named, roles_of
+from study_tokens import INSIDE, ROLES, files_of, roles_of
 
 Manifest = dict[str, Any]
 USER = 10001
@@ -243,7 +243,7 @@ def _environment(service: Service) -> dict[str, Any]:
     ]
     if not is_ros(service):
         return {"env": own} if own else {}
-    tokens = [{"name": name, "value": file} for name, file in named(ROLES).items()]
+    tokens = [{"name": name, "value": file} for name, file in files_of(ROLES).items()]
     machine = {"name": "SENSE4HRI_HOST", "valueFrom": {"fieldRef": {"fieldPath": "spec.nodeName"}}}
     return {"env": [*own, *tokens, machine], "envFrom": [{"configMapRef": {"name": "graph"}}]}
 

@@ -93,7 +93,9 @@ class Monitoring:
         del services["dns_sd_configs"], managers["dns_sd_configs"]
         services["file_sd_configs"] = [{"files": [str(self._targets)], "refresh_interval": "5s"}]
         itself["static_configs"] = [{"targets": [own]}]
-        managers["static_configs"] = [{"targets": [self.alertmanager.removeprefix("http://")] * bool(self.alertmanager)}]
+        managers["static_configs"] = [
+            {"targets": [self.alertmanager.removeprefix("http://")] * bool(self.alertmanager)}
+        ]
         return config
 
     def _alertmanager(self, webhook: str) -> str:

@@ -2,7 +2,7 @@
 # Starts Alertmanager with the address of ALERT_WEBHOOK in its configuration, with nobody to tell where there is none. It lets in whoever
 # has the study's view token (web-config).
 set -eu
-given=${ALERTMANAGER_CONFIG:-/etc/prometheus/alertmanager.yml} folder=${ALERTMANAGER_FOLDER:-/alertmanager}
+given=${ALERTMANAGER_CONFIG:-/etc/prometheus/alertmanager.yml} folder=${ALERTMANAGER_FOLDER:-/tmp}
 used=$folder/alertmanager.yml
 case "${ALERT_WEBHOOK:-}" in
     "") cp "$given" "$used" ;;

@@ -55,7 +55,9 @@ def watch(bin_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterato
     """Both, with a webhook where nobody listens."""
     running = Monitoring(tmp_path_factory.mktemp("monitoring"), bin_folder, "http://127.0.0.1:9/")
     try:
-        poll(lambda: asked(running, "alertmanager", "/-/ready", known(running.token))[0] == 200, "Alertmanager is ready")
+        poll(
+            lambda: asked(running, "alertmanager", "/-/ready", known(running.token))[0] == 200, "Alertmanager is ready"
+        )
         yield running
     finally:
         running.close()
@@ -121,7 +123,7 @@ def test_prometheus_gets_in_at_itself_and_at_alertmanager(watch):
 
 
 def test_the_token_is_in_nothing_that_is_shown(watch):
-    """No command line, environment, metric, shown configuration or flag has it, and no file, log or not, but its own."""
+    """No command line, environment, metric, shown configuration or flag has it; no file or log, but its own."""
     told = {"prometheus": ("/api/v1/status/config", "/api/v1/status/flags", "/metrics")}
     told |= {"alertmanager": ("/api/v2/status", "/api/v1/status", "/metrics")}
     shown = [asked(watch, name, path, known(watch.token))[2] for name, paths in told.items() for path in paths]
