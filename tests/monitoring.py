@@ -65,9 +65,9 @@ class Monitoring:
     whose file and theirs are in a folder.
     """
 
-    def __init__(self, folder: Path, bin_folder: Path, webhook: str = "") -> None:
+    def __init__(self, folder: Path, bin_folder: Path, webhook: str = "", token: str = "") -> None:
         self.folder, self._bin = folder, bin_folder
-        self.token = secrets.token_urlsafe(32)
+        self.token = token or secrets.token_urlsafe(32)
         (folder / "view").write_text(f"{self.token}\n")
         self._targets = folder / "targets.json"
         self.watch([])

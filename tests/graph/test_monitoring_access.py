@@ -1,6 +1,7 @@
 """Who gets in at Prometheus and Alertmanager, started as in their images: whoever has the study's view token, alone."""
 
 import os
+import secrets
 import subprocess
 import urllib.error
 import urllib.request
@@ -52,8 +53,10 @@ FOREIGN = {"Host": "evil.example", "Origin": "http://evil.example"}
 
 @pytest.fixture(scope="module")
 def watch(bin_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Monitoring]:
-    """Both, with a webhook where nobody listens."""
-    running = Monitoring(tmp_path_factory.mktemp("monitoring"), bin_folder, "http://127.0.0.1:9/")
+    """Both, with a webhook where nobody listens, and the longest token that there may be."""
+    token = secrets.token_urlsafe(384)
+    assert len(token) == 512
+    running = Monitoring(tmp_path_factory.mktemp("monitoring"), bin_folder, "http://127.0.0.1:9/", token)
     try:
         poll(
             lambda: asked(running, "alertmanager", "/-/ready", known(running.token))[0] == 200, "Alertmanager is ready"
