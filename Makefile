@@ -86,6 +86,9 @@ up: $(if $(HOST),env) images ## start a study in containers: STUDY=demo, polar o
 		echo "the page, for whoever may operate: $$($(TOKENS) --link "$(PAGE)")"; \
 		echo "          for whoever may look on: $$($(TOKENS) view --link "$(PAGE)")"; \
 	else echo "no page runs on this machine"; fi
+	@if $(COMPOSE) $(HTTPS) ps --services | grep -qx prometheus; then \
+		echo "metrics and alerts: http://127.0.0.1:$${PROMETHEUS_PORT:-9090}, user study; its password is printed by: $(TOKENS) view"; \
+	fi
 
 down: ## stop it
 	$(COMPOSE) $(HTTPS) down --remove-orphans

@@ -6,6 +6,7 @@
     compose/study_tokens.py STUDY --compose    prints the path of a compose file that hands them to the services;
                                                --host: which machine this is, of a study on several
 
+A ROS node gets both; any other service those whose file, as /run/secrets/view, its environment names.
 They lie in compose/.tokens/STUDY/operate and .../view, in a folder that its owner alone may enter (mode 700) and git
 does not see; studies of one file name share them. Who loses one, or wants another one: remove the folder, `make up`
 again.
@@ -17,6 +18,7 @@ import os
 import secrets
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -46,19 +48,29 @@ def _make(file: Path) -> None:
     new.replace(file)
 
 
-def overlay(names: list[str], own: Path) -> Path:
-    """Write, beside the tokens, the compose file that hands them to these services: those that have HTTP."""
-    named = {f"SENSE4HRI_{role.upper()}_TOKEN_FILE": f"{INSIDE}/{role}" for role in ROLES}
-    entry = {"environment": named, "secrets": list(ROLES)}
+def overlay(given: Mapping[str, tuple[str, ...]], own: Path) -> Path:
+    """Write, beside the tokens, the compose file that hands them to these services, each with its roles."""
     file = own / "compose.json"
-    services = {name: entry for name in names}
+    services = {name: {"environment": files_of(roles), "secrets": list(roles)} for name, roles in given.items()}
     content = {"services": services, "secrets": {role: {"file": str(own / role)} for role in ROLES}}
     file.write_text(json.dumps(content, indent=1))
     return file
 
 
-def with_http(study: Path, host: str = "") -> list[str]:
-    """Return the study's services that are the kit's: those with a ROS domain. Asks Docker Compose; SystemExit.
+def files_of(roles: tuple[str, ...]) -> dict[str, str]:
+    """Return the variables that name the files of these roles."""
+    return {f"SENSE4HRI_{role.upper()}_TOKEN_FILE": f"{INSIDE}/{role}" for role in roles}
+
+
+def roles_of(environment: Mapping[str, str | None]) -> tuple[str, ...]:
+    """Return the roles whose tokens a service with these variables gets."""
+    if "ROS_DOMAIN_ID" in environment:
+        return ROLES
+    return tuple(role for role in ROLES if any(f"{INSIDE}/{role}" in (text or "") for text in environment.values()))
+
+
+def taking(study: Path, host: str = "") -> dict[str, tuple[str, ...]]:
+    """Return the study's services that get a token, each with its roles. Asks Docker Compose; SystemExit.
 
     host: which machine this is. Without it no study on several is taken, for it would be started whole on one.
     """
@@ -71,8 +83,8 @@ def with_http(study: Path, host: str = "") -> list[str]:
     if not host and isinstance(about, dict) and about.get("hosts"):
         told = f"HOST must say which of its machines this is; it names {', '.join(about['hosts'])}"
         raise SystemExit(f"{study}: x-study.hosts: {told}")
-    services = content["services"]
-    return sorted(name for name, keys in services.items() if "ROS_DOMAIN_ID" in (keys.get("environment") or {}))
+    roles = {name: roles_of(keys.get("environment") or {}) for name, keys in sorted(content["services"].items())}
+    return {name: own for name, own in roles.items() if own}
 
 
 def file_of(study: str) -> Path:
@@ -95,11 +107,11 @@ def main() -> int:
     parser.add_argument("--kept", type=Path, default=KEPT, metavar="FOLDER", help="where they lie (%(default)s)")
     options = parser.parse_args()
     os.umask(0o022)
-    names = with_http(file_of(options.study), options.host) if options.compose else None
+    given = taking(file_of(options.study), options.host) if options.compose else None
     try:
         own = folder(options.study, options.kept)
         token = (own / options.role).read_text().strip()
-        told = overlay(names, own) if names is not None else f"{options.link}/#token={token}" if options.link else token
+        told = overlay(given, own) if given is not None else f"{options.link}/#token={token}" if options.link else token
     except OSError as error:
         whose = "if another user of this machine has made them, that user removes the folder"
         raise SystemExit(f"the tokens in {options.kept} cannot be used: {error.strerror}; {whose}") from error

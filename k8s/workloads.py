@@ -11,7 +11,7 @@ from pathlib import PurePosixPath
 from typing import Any
 
 from study_file import Service, Study, StudyError
-from study_tokens import ROLES
+from study_tokens import INSIDE, ROLES, files_of, roles_of
 
 Manifest = dict[str, Any]
 USER = 10001
@@ -42,13 +42,12 @@ TAKEN = {
 TARGET = re.compile(r"(?P<first>\d+)(?:-(?P<last>\d+))?(?:/(?P<protocol>\w+))?")
 OF_THE_NETWORK = ("driver_lsl", "driver_pupil_labs", "bridge_lsl")
 """Packages whose devices and listeners are on the network, at ports that no Service and no policy here has."""
-TOKENS = "/run/secrets"
-"""Folder of the Secret `tokens`, whose keys are the roles; no token is in an environment, as with `make up`."""
 CONFIGURED = ("ROS_DOMAIN_ID", "ALLOWED_HOSTS", "METRICS_HOST", "METRICS_PORT", "SENSE4HRI_HOST")
 """Variables whose values come from the ConfigMap, whatever the study gives; the machine's name from the cluster."""
 SOCKETS = ("/run/dbus",)
 """Folders of its machine that a sidecar may see: what a study keeps in files of a machine, a cluster has nowhere."""
-OWN_PROBES = {"prometheus": (9090, "/-/ready", "/-/healthy")}
+OWN_PROBES = {"prometheus": ["ready", "9090"]}
+"""By service: the command of its image that says whether it is ready; over HTTP it asks for the view token."""
 CONFIG_FILES = {"prometheus": ("scraping", "/etc/prometheus", "prometheus.yml")}
 """By service: ConfigMap, folder, and the file there that it stands in for."""
 
@@ -244,7 +243,7 @@ def _environment(service: Service) -> dict[str, Any]:
     ]
     if not is_ros(service):
         return {"env": own} if own else {}
-    tokens = [{"name": f"SENSE4HRI_{role.upper()}_TOKEN_FILE", "value": f"{TOKENS}/{role}"} for role in ROLES]
+    tokens = [{"name": name, "value": file} for name, file in files_of(ROLES).items()]
     machine = {"name": "SENSE4HRI_HOST", "valueFrom": {"fieldRef": {"fieldPath": "spec.nodeName"}}}
     return {"env": [*own, *tokens, machine], "envFrom": [{"configMapRef": {"name": "graph"}}]}
 
@@ -257,22 +256,24 @@ def _container_ports(names: Names, service: Service) -> list[dict[str, Any]]:
 
 
 def _probes(service: Service) -> dict[str, Any]:
-    """Probes over HTTP; of a proxy, whether its socket is there; none of somebody else's, which may have no HTTP."""
+    """Probes over HTTP, or by a command; of a proxy, whether its socket is there; none of somebody else's, which may
+    have no HTTP."""
     if machine_paths(service):
         sockets = [f"{target}/system_bus_socket" for target, source in service.mounts.items() if source[0] != "/"]
         return {"readinessProbe": {"exec": {"command": ["test", "-S", *sockets]}, "periodSeconds": 5}}
     if not service.ours and service.name not in OWN_PROBES:
         return {}
-    port, ready, alive = OWN_PROBES.get(service.name, (METRICS_PORT, "/readyz", "/healthz"))
+    own = {"exec": {"command": OWN_PROBES[service.name]}} if service.name in OWN_PROBES else None
+    ready, alive = own or _http("/readyz"), own or _http("/healthz")
     return {
-        "startupProbe": _probe(port, alive, periodSeconds=2, failureThreshold=60),
-        "readinessProbe": _probe(port, ready, periodSeconds=5, failureThreshold=2),
-        "livenessProbe": _probe(port, alive, periodSeconds=10, failureThreshold=6),
+        "startupProbe": {**alive, "timeoutSeconds": 5, "periodSeconds": 2, "failureThreshold": 60},
+        "readinessProbe": {**ready, "timeoutSeconds": 5, "periodSeconds": 5, "failureThreshold": 2},
+        "livenessProbe": {**alive, "timeoutSeconds": 5, "periodSeconds": 10, "failureThreshold": 6},
     }
 
 
-def _probe(port: int, path: str, **times: int) -> dict[str, Any]:
-    return {"httpGet": {"path": path, "port": port}, "timeoutSeconds": 5, **times}
+def _http(path: str) -> dict[str, Any]:
+    return {"httpGet": {"path": path, "port": METRICS_PORT}}
 
 
 def _resources(service: Service) -> dict[str, Any]:
@@ -307,7 +308,7 @@ def _mounts(service: Service) -> list[dict[str, Any]]:
         {"name": name, "mountPath": f"{folder}/{file}", "subPath": file, "readOnly": True}
         for name, folder, file in _configs(service)
     ]
-    tokens = [{"name": "tokens", "mountPath": TOKENS, "readOnly": True}] if is_ros(service) else []
+    tokens = [{"name": "tokens", "mountPath": INSIDE, "readOnly": True}] if roles_of(service.environment) else []
     return [*own, *machine, *config, *tokens]
 
 
@@ -334,5 +335,11 @@ def _volumes(service: Service, beside: list[Service]) -> list[dict[str, Any]]:
         for each in sorted(machine)
     ]
     configs = [{"name": name, "configMap": {"name": name}} for name, _, _ in _configs(service)]
-    tokens = [{"name": "tokens", "secret": {"secretName": "tokens", "defaultMode": 0o440}}] if is_ros(service) else []
-    return [*claims, *configs, *tokens, *folders, *hosts]
+    return [*claims, *configs, *_tokens(roles_of(service.environment)), *folders, *hosts]
+
+
+def _tokens(roles: tuple[str, ...]) -> list[dict[str, Any]]:
+    """The Secret that k8s/up.sh makes, whose keys are the roles; no token is in an environment, as with `make up`."""
+    part = {} if roles == ROLES else {"items": [{"key": role, "path": role} for role in roles]}
+    secret = {"secretName": "tokens", "defaultMode": 0o440, **part}
+    return [{"name": "tokens", "secret": secret}] if roles else []

@@ -3,8 +3,10 @@
 The programs are Debian's: those installed, else those of its packages, unpacked once into build/prometheus.
 """
 
+import base64
 import json
 import os
+import secrets
 import shutil
 import socket
 import subprocess
@@ -45,6 +47,11 @@ def _unpack() -> bool:
     return all(subprocess.run(["dpkg-deb", "-x", deb, UNPACKED], check=False).returncode == 0 for deb in packages)
 
 
+def known(token: str, user: str = "study") -> dict[str, str]:
+    """Return the header of who asks Prometheus, Alertmanager or Grafana as this user with this password."""
+    return {"Authorization": f"Basic {base64.b64encode(f'{user}:{token}'.encode()).decode()}"}
+
+
 def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -52,50 +59,55 @@ def free_port() -> int:
 
 
 class Monitoring:
-    """Prometheus with rules.yml as it is; it scrapes what `watch` says. webhook: address that alerts are sent to."""
+    """Prometheus with rules.yml as it is, started as in its image; it scrapes itself and what `watch` says.
 
-    def __init__(self, folder: Path, bin_folder: Path, webhook: str = "") -> None:
-        self._folder, self._bin = folder, bin_folder
+    webhook: address that alerts are sent to, by an Alertmanager at the address `alertmanager`. Both ask for `token`,
+    whose file and theirs are in a folder.
+    """
+
+    def __init__(self, folder: Path, bin_folder: Path, webhook: str = "", token: str = "") -> None:
+        self.folder, self._bin = folder, bin_folder
+        self.token = token or secrets.token_urlsafe(32)
+        (folder / "view").write_text(f"{self.token}\n")
         self._targets = folder / "targets.json"
         self.watch([])
-        self._ended: list[subprocess.Popen[bytes]] = []
-        managers = [f"127.0.0.1:{self._alertmanager(webhook)}"] if webhook else []
-        port = free_port()
-        self._address = f"http://127.0.0.1:{port}"
-        (folder / "prometheus.yml").write_text(yaml.safe_dump(self._config(managers)))
+        self.children: list[subprocess.Popen[bytes]] = []
+        self.alertmanager = self._alertmanager(webhook) if webhook else ""
+        listens = f"127.0.0.1:{free_port()}"
+        self.address = f"http://{listens}"
+        (folder / "prometheus.yml").write_text(yaml.safe_dump(self._config(listens)))
         shutil.copy(CONFIG / "rules.yml", folder)
-        self._start(
-            "prometheus",
-            f"--config.file={folder}/prometheus.yml",
-            f"--storage.tsdb.path={folder}/tsdb",
-            f"--web.listen-address=127.0.0.1:{port}",
-        )
+        given = {"CONFIG": f"{folder}/prometheus.yml", "FOLDER": f"{folder}/tsdb", "LISTEN": listens}
+        self._start(CONFIG / "start.sh", {f"PROMETHEUS_{name}": value for name, value in given.items()})
         try:
             poll(lambda: self._get("/-/ready"), "Prometheus is ready")
         except BaseException:
             self.close()
             raise
 
-    def _config(self, managers: list[str]) -> dict[str, Any]:
-        """prometheus.yml with addresses in place of the names that only Docker's DNS knows."""
-        config: dict[str, Any] = yaml.safe_load((CONFIG / "prometheus.yml").read_text())
-        config["scrape_configs"] = [
-            {"job_name": "sense4hri", "file_sd_configs": [{"files": [str(self._targets)], "refresh_interval": "5s"}]}
+    def _config(self, own: str) -> dict[str, Any]:
+        """prometheus.yml with what is here in place of names that only Docker's DNS knows, and of the token's file."""
+        text = (CONFIG / "prometheus.yml").read_text()
+        config: dict[str, Any] = yaml.safe_load(text.replace("/run/secrets/view", f"{self.folder}/view"))
+        (services, itself), (managers,) = config["scrape_configs"], config["alerting"]["alertmanagers"]
+        del services["dns_sd_configs"], managers["dns_sd_configs"]
+        services["file_sd_configs"] = [{"files": [str(self._targets)], "refresh_interval": "5s"}]
+        itself["static_configs"] = [{"targets": [own]}]
+        managers["static_configs"] = [
+            {"targets": [self.alertmanager.removeprefix("http://")] * bool(self.alertmanager)}
         ]
-        config["alerting"] = {"alertmanagers": [{"static_configs": [{"targets": managers}]}]}
         return config
 
-    def _alertmanager(self, webhook: str) -> int:
-        port = free_port()
+    def _alertmanager(self, webhook: str) -> str:
+        listens = f"127.0.0.1:{free_port()}"
         given = {
             "ALERT_WEBHOOK": webhook,
             "ALERTMANAGER_CONFIG": str(CONFIG / "alertmanager.yml"),
-            "ALERTMANAGER_FOLDER": str(self._folder),
-            "ALERTMANAGER_LISTEN": f"127.0.0.1:{port}",
-            "PATH": f"{self._bin}:{os.environ['PATH']}",
+            "ALERTMANAGER_FOLDER": str(self.folder),
+            "ALERTMANAGER_LISTEN": listens,
         }
-        self._start(str(ROOT / "compose" / "alertmanager" / "start.sh"), env=given, before=self._templates())
-        return port
+        self._start(ROOT / "compose" / "alertmanager" / "start.sh", given, self._templates())
+        return f"http://{listens}"
 
     def _templates(self) -> list[str]:
         """Return what comes before the command: Debian's Alertmanager looks for its templates in /usr/share alone."""
@@ -126,24 +138,27 @@ class Monitoring:
 
     def _get(self, path: str) -> str:
         try:
-            with urllib.request.urlopen(f"{self._address}{path}", timeout=5) as answer:
+            asked = urllib.request.Request(f"{self.address}{path}", headers=known(self.token))
+            with urllib.request.urlopen(asked, timeout=5) as answer:
                 return answer.read().decode()
         except (urllib.error.URLError, OSError):
             return ""
 
-    def _start(
-        self, program: str, *words: str, env: Mapping[str, str] | None = None, before: Sequence[str] = ()
-    ) -> None:
-        path = program if "/" in program else str(self._bin / program)
-        log = (self._folder / f"{Path(program).name}.log").open("w")
-        with log:
-            child = subprocess.Popen([*before, path, *words], stdout=log, stderr=log, env={**os.environ, **(env or {})})
-        self._ended.append(child)
+    def _start(self, script: Path, given: Mapping[str, str], before: Sequence[str] = ()) -> None:
+        """Start what a script of the images starts. given: its variables."""
+        here = {
+            "PATH": f"{self._bin}:{CONFIG}:{os.environ['PATH']}",
+            "SENSE4HRI_VIEW_TOKEN_FILE": f"{self.folder}/view",
+            "TMPDIR": str(self.folder),
+        }
+        with (self.folder / f"{script.parent.name}.log").open("w") as log:
+            child = subprocess.Popen([*before, script], stdout=log, stderr=log, env={**os.environ, **here, **given})
+        self.children.append(child)
 
     def close(self) -> None:
-        for child in self._ended:
+        for child in self.children:
             child.terminate()
-        for child in self._ended:
+        for child in self.children:
             try:
                 child.wait(10)
             except subprocess.TimeoutExpired:

@@ -1,7 +1,8 @@
 #!/bin/sh
-# Starts Alertmanager with the address of ALERT_WEBHOOK in its configuration, with nobody to tell where there is none.
+# Starts Alertmanager with the address of ALERT_WEBHOOK in its configuration, with nobody to tell where there is none. It lets in whoever
+# has the study's view token (web-config).
 set -eu
-given=${ALERTMANAGER_CONFIG:-/etc/prometheus/alertmanager.yml} folder=${ALERTMANAGER_FOLDER:-/alertmanager}
+given=${ALERTMANAGER_CONFIG:-/etc/prometheus/alertmanager.yml} folder=${ALERTMANAGER_FOLDER:-/tmp}
 used=$folder/alertmanager.yml
 case "${ALERT_WEBHOOK:-}" in
     "") cp "$given" "$used" ;;
@@ -12,5 +13,7 @@ case "${ALERT_WEBHOOK:-}" in
         ;;
     *) echo "ALERT_WEBHOOK must begin with http:// or https://" >&2; exit 78 ;;
 esac
+web=$(mktemp)
+web-config > "$web"
 exec prometheus-alertmanager --config.file="$used" --storage.path="$folder" --cluster.listen-address= \
-    --web.listen-address="${ALERTMANAGER_LISTEN:-0.0.0.0:9093}"
+    --web.config.file="$web" --web.listen-address="${ALERTMANAGER_LISTEN:-0.0.0.0:9093}"

@@ -16,6 +16,7 @@ from typing import IO, Any
 
 import study_file
 import study_tokens
+from monitoring import known
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCKER = str(ROOT / "compose" / "docker.sh")
@@ -36,19 +37,21 @@ def docker(*arguments: str, seconds: float = COMMAND_S, check: bool = True, **en
 class Study:
     """The study of this name, up from `start` to `stop`; volumes are removed by `remove`.
 
-    more: further compose files that change it. machine: which of several it is.
+    more: further compose files that change it. machine: which of several it is. profiles: what is asked for of what
+    runs when asked.
     """
 
-    def __init__(self, name: str, *more: Path, machine: str = "") -> None:
+    def __init__(self, name: str, *more: Path, machine: str = "", profiles: str = "") -> None:
         self.project = f"sense4hri-test-{os.getpid()}{machine}"
         file = study_file.find(name)
         (ROOT / "build").mkdir(exist_ok=True)
         own = study_tokens.folder(name, Path(tempfile.mkdtemp(prefix="tokens-", dir=ROOT / "build")))
-        files = [file, study_tokens.overlay(study_tokens.with_http(file, machine), own), *more]
+        files = [file, study_tokens.overlay(study_tokens.taking(file, machine), own), *more]
         self._files = [word for file in files for word in ("-f", str(file))]
         self.tokens = {role: (own / role).read_text().strip() for role in study_tokens.ROLES}
         self._kept = own.parent
-        self._settings = {"GUI_PORT": "0", "REGISTRY_PORT": "0", "PROMETHEUS_PORT": "0", "SESSION_PORT": "0"}
+        ports = ("GUI_PORT", "REGISTRY_PORT", "PROMETHEUS_PORT", "ALERTMANAGER_PORT", "SESSION_PORT")
+        self._settings = dict.fromkeys(ports, "0") | {"COMPOSE_PROFILES": profiles}
         self._listener: subprocess.Popen[str] | None = None
         self.started_s = 0.0
         self.seen: dict[str, dict[str, Any]] = {}
@@ -179,9 +182,17 @@ def cpu_s(pid: int) -> float:
 
 def get(url: str, token: str = "") -> tuple[int, bytes]:
     """Status and body of a GET, with a token where one is given."""
-    asked = urllib.request.Request(url, headers={"Authorization": f"Bearer {token}"} if token else {})
+    return _got(url, {"Authorization": f"Bearer {token}"} if token else {})
+
+
+def watched(url: str, token: str) -> tuple[int, bytes]:
+    """Status and body of a GET of Prometheus or Alertmanager, with a token as its password where one is given."""
+    return _got(url, known(token) if token else {})
+
+
+def _got(url: str, headers: dict[str, str]) -> tuple[int, bytes]:
     try:
-        with urllib.request.urlopen(asked, timeout=30) as answer:
+        with urllib.request.urlopen(urllib.request.Request(url, headers=headers), timeout=30) as answer:
             return answer.status, answer.read()
     except urllib.error.HTTPError as err:
         with err:

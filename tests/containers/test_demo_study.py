@@ -11,7 +11,7 @@ from typing import Any
 import asked
 import pytest
 import study_file
-from docker_study import ROOT, Study, docker, get, post
+from docker_study import ROOT, Study, docker, get, post, watched
 from processes import poll, wait_for
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
@@ -24,6 +24,7 @@ pytestmark = pytest.mark.timeout(1200)
 DEMO = study_file.read(study_file.find("demo"))
 SENSORS = [service.sensor_id for service in DEMO.sensors]
 UNTOUCHED = "h10_2"
+WATCHING = {"prometheus": 9090, "alertmanager": 9093}
 
 
 def topic(sensor: str, field: str) -> str:
@@ -34,7 +35,7 @@ def topic(sensor: str, field: str) -> str:
 
 @pytest.fixture(scope="module")
 def study() -> Iterator[Study]:
-    study = Study("demo")
+    study = Study("demo", profiles="alertmanager")
     try:
         study.start()
         yield study
@@ -78,7 +79,7 @@ def test_every_container_is_healthy_and_confined(study):
 def test_page_and_prometheus_answer_on_this_machine(study):
     """The page is served, and Prometheus scrapes every service without a list of them."""
     assert get(study.published("web-gui", 8080))[0] == 200
-    others = [service for service in study.services() if service != "prometheus"]
+    others = set(study.services()) - set(WATCHING)
     wait_for(
         lambda: len(query(study, 'up{job="sense4hri"} == 1')) == len(others), 60, f"{len(others)} services scraped"
     )
@@ -104,14 +105,18 @@ def test_every_rule_panel_and_choice_has_data(study):
         0.3,
     )
     for path, one in zip(asked.of_choices(UNTOUCHED), (UNTOUCHED, "ecg"), strict=True):
-        assert one in json.loads(get(study.published("prometheus", 9090) + path)[1])["data"]
+        assert one in json.loads(shown(study, "prometheus", path))["data"]
+
+
+def shown(study: Study, service: str, path: str) -> bytes:
+    """What Prometheus or Alertmanager answers to who may view."""
+    return watched(study.published(service, WATCHING[service]) + path, study.tokens["view"])[1]
 
 
 def query(study: Study, expression: str) -> list[dict[str, Any]]:
     """What the study's Prometheus answers."""
     words = urllib.parse.urlencode({"query": expression})
-    found = json.loads(get(f"{study.published('prometheus', 9090)}/api/v1/query?{words}")[1])
-    return found["data"]["result"]
+    return json.loads(shown(study, "prometheus", f"/api/v1/query?{words}"))["data"]["result"]
 
 
 def fires(study: Study, alert: str, sensor_id: str) -> bool:
@@ -119,11 +124,20 @@ def fires(study: Study, alert: str, sensor_id: str) -> bool:
     return bool(query(study, f'ALERTS{{alertname="{alert}", sensor_id="{sensor_id}", alertstate="firing"}}'))
 
 
+def arrives(study: Study, alert: str, sensor_id: str) -> bool:
+    """True while Alertmanager has an alert about a sensor."""
+    found = [one["labels"] for one in json.loads(shown(study, "alertmanager", "/api/v2/alerts"))]
+    return any((one["alertname"], one.get("sensor_id")) == (alert, sensor_id) for one in found)
+
+
 def test_an_outsider_neither_reads_nor_steers(study):
     """A container listens on all its addresses: without a token of the study it refuses; the view token reads alone."""
     for service, path in (("metadata-registry", "/participants"), ("session-coordinator", "/session")):
         address = study.published(service, 9464) + path
         assert [get(address, token)[0] for token in ("", "another", study.tokens["view"])] == [401, 401, 200]
+    for service, path in (("prometheus", "/api/v1/query?query=up"), ("alertmanager", "/api/v2/silences")):
+        address = study.published(service, WATCHING[service]) + path
+        assert [watched(address, token)[0] for token in ("", "another", study.tokens["view"])] == [401, 401, 200]
     assert post(f"{study.published('session-coordinator', 9464)}/markers", {"name": "x"}, study.tokens["view"]) == 403
 
 
@@ -179,6 +193,7 @@ def test_cut_link_heals(study):
     others(study, 2.0)  # what was on its way is there
     lost_s = study.newest_s(topic("verity_1", "raw"))
     wait_for(lambda: fires(study, "StreamSilent", "verity_1"), 90, "the alert")
+    wait_for(lambda: arrives(study, "StreamSilent", "verity_1"), 60, "the alert at Alertmanager")
     others(study, 3.0)
     assert study.newest_s(topic("verity_1", "raw")) == lost_s
     study.knobs("verity_1", down=False)

@@ -19,6 +19,7 @@ import pytest
 import study_file
 import tls_checks
 from docker_study import ROOT, Study, docker, get
+from monitoring import known
 from processes import poll, wait_for
 
 pytestmark = pytest.mark.timeout(600)
@@ -98,11 +99,15 @@ class Laboratory:
     def scraped(self, expression: str) -> list[dict[str, Any]]:
         """What Prometheus answers on the loopback of its machine."""
         asked = "http://127.0.0.1:9090/api/v1/query?" + urllib.parse.urlencode({"query": expression})
-        script = "import sys, urllib.request as u; print(u.urlopen(sys.argv[1], timeout=10).read().decode())"
-        inside = self.parts["lab-a"].container("recorder")
-        found: list[dict[str, Any]] = json.loads(docker("exec", inside, "python", "-c", script, asked))["data"][
-            "result"
-        ]
+        script = (
+            "import sys, urllib.request as u;"
+            "told = {'Authorization': sys.argv[2]};"
+            "print(u.urlopen(u.Request(sys.argv[1], headers=told), timeout=10).read().decode())"
+        )
+        part = self.parts["lab-a"]
+        password = known(part.tokens["view"])["Authorization"]
+        answer = docker("exec", part.container("recorder"), "python", "-c", script, asked, password)
+        found: list[dict[str, Any]] = json.loads(answer)["data"]["result"]
         return found
 
 

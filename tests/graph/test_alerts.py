@@ -4,13 +4,14 @@ import json
 import os
 import subprocess
 import threading
+import urllib.request
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 import pytest
 import yaml
-from monitoring import CONFIG, ROOT, Monitoring
+from monitoring import CONFIG, ROOT, Monitoring, known
 from processes import poll
 
 START = ROOT / "compose" / "alertmanager" / "start.sh"
@@ -68,6 +69,9 @@ def test_a_firing_alert_reaches_the_webhook_and_so_does_its_end(bin_folder, serv
         server.state = SILENT
         poll(lambda: server.heard("firing"), "the webhook is told")
         assert ("StreamSilent", "h10_1") in watch.firing()
+        alerts = urllib.request.Request(f"{watch.alertmanager}/api/v2/alerts", headers=known(watch.token))
+        with urllib.request.urlopen(alerts, timeout=10) as answer:
+            assert "StreamSilent" in {alert["labels"]["alertname"] for alert in json.load(answer)}
         summary = server.told[0]["alerts"][0]["annotations"]["summary"]
         assert summary == "ecg of h10_1 is silent: its link is lost, or the device sends nothing"
         server.state = STREAMING
@@ -118,11 +122,14 @@ def test_the_webhook_is_asked_at_the_address_as_it_was_given(tmp_path):
     address = "https://lab.example.org/hook?study=pilot&token=a\\1b"
     (tmp_path / "prometheus-alertmanager").write_text("#!/bin/sh\n")
     (tmp_path / "prometheus-alertmanager").chmod(0o755)
+    (tmp_path / "view").write_text("of-this-test")
     given = {
         "ALERT_WEBHOOK": address,
         "ALERTMANAGER_CONFIG": str(CONFIG / "alertmanager.yml"),
         "ALERTMANAGER_FOLDER": str(tmp_path),
-        "PATH": f"{tmp_path}:{os.environ['PATH']}",
+        "SENSE4HRI_VIEW_TOKEN_FILE": f"{tmp_path}/view",
+        "TMPDIR": str(tmp_path),
+        "PATH": f"{tmp_path}:{CONFIG}:{os.environ['PATH']}",
     }
     subprocess.run([START], env=given, check=True)
     receivers = yaml.safe_load((tmp_path / "alertmanager.yml").read_text())["receivers"]

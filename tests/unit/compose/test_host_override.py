@@ -86,7 +86,14 @@ def test_prometheus_asks_every_node_of_all_machines_where_it_answers(tmp_path: P
     configs = jobs["sense4hri"]["static_configs"]
     assert {config["labels"]["host"]: set(config["targets"]) for config in configs} == answering
     assert sum(map(len, answering.values())) == 6
-    assert scraping["alerting"]["alertmanagers"] == [{"static_configs": [{"targets": ["127.0.0.1:9093"]}]}]
+    known = {"username": "study", "password_file": "/run/secrets/view"}
+    at = [{"targets": ["127.0.0.1:9093"]}]
+    assert scraping["alerting"]["alertmanagers"] == [{"basic_auth": known, "static_configs": at}]
+    assert jobs["prometheus"] == {
+        "job_name": "prometheus",
+        "basic_auth": known,
+        "static_configs": [{"targets": ["localhost:9090"]}],
+    }
     assert "dns_sd" not in json.dumps(scraping)
     assert target == "/etc/prometheus/prometheus.yml"
 

@@ -17,14 +17,28 @@ esac
 """
 
 
-@pytest.mark.parametrize(("running", "told"), [("recorder web-gui", True), ("recorder", False)])
-def test_the_pages_address_is_told_where_a_page_runs(tmp_path: Path, running: str, told: bool) -> None:
-    """Not of a study without one, nor on those of several machines that have none."""
+def up(tmp_path: Path, running: str) -> str:
+    """What is printed where these services run."""
     (tmp_path / "docker").write_text(DOCKER.format(running=running))
     (tmp_path / "docker").chmod(0o755)
     tokens = [sys.executable, "compose/study_tokens.py", "--kept", str(tmp_path / "tokens"), "demo"]
     command = ["make", "-s", "-o", "images", "up", "RUN=none", f"TOKENS={shlex.join(tokens)}"]
-    environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "GUI_PORT": "8080"}
+    ports = {"GUI_PORT": "8080", "PROMETHEUS_PORT": "9091"}
+    environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"} | ports
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.count("http://127.0.0.1:8080/#token=") == (2 if told else 0)
+    return done.stdout
+
+
+@pytest.mark.parametrize(("running", "told"), [("recorder web-gui", True), ("recorder", False)])
+def test_the_pages_address_is_told_where_a_page_runs(tmp_path: Path, running: str, told: bool) -> None:
+    """Not of a study without one, nor on those of several machines that have none."""
+    assert up(tmp_path, running).count("http://127.0.0.1:8080/#token=") == (2 if told else 0)
+
+
+@pytest.mark.parametrize(("running", "told"), [("recorder prometheus", True), ("recorder", False)])
+def test_what_prometheus_asks_for_is_told_where_it_runs(tmp_path: Path, running: str, told: bool) -> None:
+    """Its address, the user, and the command that prints the password; never the password itself."""
+    printed = up(tmp_path, running)
+    assert printed.count("http://127.0.0.1:9091, user study; its password is printed by: ") == told
+    assert (tmp_path / "tokens" / "demo" / "view").read_text().strip() not in printed

@@ -53,16 +53,21 @@ def test_the_kit_takes_them(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not has_compose(), reason="no docker compose on this machine")
 def test_every_service_with_http_gets_the_files_and_no_token_is_in_what_docker_shows(tmp_path: Path) -> None:
-    """Compose takes both files together; tokens are in no environment, label or command, and others get none."""
+    """Compose takes both files together; tokens are in no environment, label or command. What only watches gets the one
+    to view, and the rest none.
+    """
     own = study_tokens.folder("demo", tmp_path / "tokens")
-    files = ["-f", str(DEMO), "-f", str(study_tokens.overlay(study_tokens.with_http(DEMO), own))]
+    files = ["--profile", "*", "-f", str(DEMO), "-f", str(study_tokens.overlay(study_tokens.taking(DEMO), own))]
     done = subprocess.run([*COMPOSE, *files, "config", "--format", "json"], capture_output=True, text=True, check=True)
     assert not any((own / role).read_text().strip() in done.stdout for role in study_tokens.ROLES)
     services = json.loads(done.stdout)["services"]
-    given = {name for name, keys in services.items() if keys.get("secrets")}
-    assert given == {name for name, keys in services.items() if "ROS_DOMAIN_ID" in keys.get("environment", {})}
-    assert {"web-gui", "recorder", "h10-1"} <= given
-    assert "prometheus" in services.keys() - given
+    given = {name: {one["source"] for one in keys.get("secrets", [])} for name, keys in services.items()}
+    nodes = {name for name, keys in services.items() if "ROS_DOMAIN_ID" in keys.get("environment", {})}
+    watching = {"prometheus", "alertmanager", "grafana"}
+    assert {"web-gui", "recorder", "h10-1"} <= nodes
+    both, view = frozenset(study_tokens.ROLES), frozenset({"view"})
+    wanted = dict.fromkeys(services, frozenset()) | dict.fromkeys(nodes, both) | dict.fromkeys(watching, view)
+    assert given == wanted
     told = services["web-gui"]
     assert told["environment"]["SENSE4HRI_OPERATE_TOKEN_FILE"] == "/run/secrets/operate"
     assert {(one["source"], one["target"]) for one in told["secrets"]} >= {("operate", "/run/secrets/operate")}

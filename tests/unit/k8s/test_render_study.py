@@ -211,3 +211,19 @@ def test_a_value_that_looks_like_a_variable_of_a_cluster_stays_as_it_is(tmp_path
     belt = container(tmp_path, given)
     assert belt["args"] == ["echo", "$$(HOME)"]
     assert belt["env"] == [{"name": "NOTE", "value": "a $$$$ of $$(HOME)"}]
+
+
+def test_prometheus_gets_the_view_token_alone_and_probes_know_it(tmp_path):
+    """Of the Secret it sees one key; no manifest has a password, so a command of its image asks whether it is ready."""
+    (tmp_path / "study.yaml").write_text(
+        f"{HEAD}  prometheus: {{extends: {{file: {ROOT}/compose/compose.yaml, service: prometheus}}}}\n"
+    )
+    (deployment, _) = yaml.safe_load_all(render_study.texts(str(tmp_path / "study.yaml"))["base/prometheus.yaml"])
+    pod = deployment["spec"]["template"]["spec"]
+    (secret,) = (each["secret"] for each in pod["volumes"] if "secret" in each)
+    assert (secret["secretName"], secret["items"]) == ("tokens", [{"key": "view", "path": "view"}])
+    (own,) = pod["containers"]
+    assert {"name": "SENSE4HRI_VIEW_TOKEN_FILE", "value": "/run/secrets/view"} in own["env"]
+    assert "/run/secrets" in [each["mountPath"] for each in own["volumeMounts"]]
+    for probe in ("startupProbe", "readinessProbe", "livenessProbe"):
+        assert own[probe]["exec"] == {"command": ["ready", "9090"]}
