@@ -62,13 +62,14 @@ class Monitoring:
     """Prometheus with rules.yml as it is, started as in its image; it scrapes itself and what `watch` says.
 
     webhook: address that alerts are sent to, by an Alertmanager at the address `alertmanager`. Both ask for `token`,
-    whose file and theirs are in a folder.
+    whose file and theirs are in a folder: one that is made, or the one given; "" is that of a study without tokens.
     """
 
-    def __init__(self, folder: Path, bin_folder: Path, webhook: str = "", token: str = "") -> None:
+    def __init__(self, folder: Path, bin_folder: Path, webhook: str = "", token: str | None = None) -> None:
         self.folder, self._bin = folder, bin_folder
-        self.token = token or secrets.token_urlsafe(32)
-        (folder / "view").write_text(f"{self.token}\n")
+        self.token = secrets.token_urlsafe(32) if token is None else token
+        if self.token:
+            (folder / "view").write_text(f"{self.token}\n")
         self._targets = folder / "targets.json"
         self.watch([])
         self.children: list[subprocess.Popen[bytes]] = []

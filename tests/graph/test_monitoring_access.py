@@ -144,24 +144,48 @@ def test_the_token_is_in_nothing_that_is_shown(watch):
 @pytest.mark.parametrize(
     ("token", "sentence"),
     [
-        (None, "must name the file with the study's view token, as `make up` does; '': No such file or directory"),
         ("", "must name a file with 1 to 512 letters, digits or . _ ~ + / = -, not 'FILE'"),
         ("two words", "must name a file with 1 to 512 letters, digits or . _ ~ + / = -, not 'FILE'"),
         ("x" * 513, "must name a file with 1 to 512 letters, digits or . _ ~ + / = -, not 'FILE'"),
     ],
 )
-def test_without_a_view_token_neither_starts(tmp_path, service, token, sentence):
-    """Status 78 and one sentence with the name of the variable, never a service that is open."""
-    (tmp_path / "view").write_text(token or "")
-    for program in ("prometheus", "prometheus-alertmanager"):
-        (tmp_path / program).write_text("#!/bin/sh\necho started\n")
-        (tmp_path / program).chmod(0o755)
-    given = {"PATH": f"{tmp_path}:{CONFIG}:{os.environ['PATH']}", "TMPDIR": str(tmp_path)}
-    given |= {"ALERTMANAGER_CONFIG": str(CONFIG / "alertmanager.yml"), "ALERTMANAGER_FOLDER": str(tmp_path)}
-    given |= {} if token is None else {"SENSE4HRI_VIEW_TOKEN_FILE": f"{tmp_path}/view"}
-    done = subprocess.run([STARTS[service]], env=given, capture_output=True, text=True, check=False)
+def test_with_a_token_that_is_none_neither_starts(tmp_path, service, token, sentence):
+    """Status 78 and one sentence with the name of the variable, never a service that is open by a mistake."""
+    (tmp_path / "view").write_text(token)
     told = f"SENSE4HRI_VIEW_TOKEN_FILE {sentence}\n".replace("FILE'", f"{tmp_path}/view'")
-    assert (done.returncode, done.stdout, done.stderr) == (78, "", told)
+    assert started(service, tmp_path) == (78, "", told)
+
+
+def test_without_a_token_alertmanager_does_not_start(tmp_path):
+    """It takes silences."""
+    status, _, told = started("alertmanager", tmp_path)
+    assert status == 78
+    assert "must name the file with the study's view token, as `make up` does; " in told
+
+
+def test_without_tokens_prometheus_is_open_and_says_so(bin_folder, tmp_path):
+    """As our own services are for viewing: so a study file is started by Docker as it is. Its health check passes."""
+    open_one = Monitoring(tmp_path, bin_folder, token="")
+    try:
+        assert asked(open_one, "prometheus", READ["prometheus"], {})[0] == 200
+        check = [CONFIG / "ready", open_one.address.rpartition(":")[2]]
+        given = os.environ | {"SENSE4HRI_VIEW_TOKEN_FILE": f"{tmp_path}/view"}
+        assert subprocess.run(check, env=given, check=False).returncode == 0
+        assert "no view token: whoever reaches this port may read" in (tmp_path / "prometheus.log").read_text()
+    finally:
+        open_one.close()
+
+
+def started(service: str, folder: Path) -> tuple[int, str, str]:
+    """Status and output of a start with the token in a folder's `view`; the programs themselves are stand-ins."""
+    for program in ("prometheus", "prometheus-alertmanager"):
+        (folder / program).write_text("#!/bin/sh\necho started\n")
+        (folder / program).chmod(0o755)
+    given = {"PATH": f"{folder}:{CONFIG}:{os.environ['PATH']}", "TMPDIR": str(folder)}
+    given |= {"ALERTMANAGER_CONFIG": str(CONFIG / "alertmanager.yml"), "ALERTMANAGER_FOLDER": str(folder)}
+    given |= {"SENSE4HRI_VIEW_TOKEN_FILE": f"{folder}/view"}
+    done = subprocess.run([STARTS[service]], env=given, capture_output=True, text=True, check=False)
+    return done.returncode, done.stdout, done.stderr
 
 
 def test_the_health_check_asks_with_the_token(watch):
