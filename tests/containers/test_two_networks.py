@@ -22,6 +22,7 @@ from laboratory import DESK, RADIO, Laboratory
 from playwright.sync_api import Browser, Page, expect
 from processes import poll, wait_for
 from sense4hri.cdr import read_raw
+from sense4hri.http import OPEN
 from sense4hri_recording.reader import Reader
 from slow_network import why_not
 
@@ -33,8 +34,7 @@ LOSS, DELAY_S, CUT_S, STEP_S = 0.05, 0.1, 10.0, 2.0
 FS_HZ = 130.0
 RECORDING, HOLDOVER = 2.0, 2.0
 STREAMS = {"p1": "h10_1", "p2": "h10_2"}
-READING = ("/openapi.json", "/session", "/recording", "/participants", "/devices", "/history")
-STEERING = ("/start", "/stop", "/markers", "/assign", "/participants/p1/delete", "/devices/h10_1/knobs", "/adapter")
+STEERING = {"post /start", "post /stop", "post /markers", "post /assign", "post /devices/x/knobs"}
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +93,7 @@ def test_every_service_is_healthy_and_asked(laboratory: Laboratory) -> None:
 def test_samples_become_features_on_the_other_machine_whose_clock_is_known(laboratory: Laboratory) -> None:
     """What rules and panels ask of several hosts is answered, and the clock is measured to 1 ms."""
     quality = 'sense4hri_signal_quality_ratio{sensor_id="h10_1"} > 0.5'
-    poll(lambda: laboratory.query(quality), "features on lab-a", TELLS_S, 0.3)
+    poll(lambda: laboratory.query(quality), "features", TELLS_S, 0.3)
     clocks = 'sense4hri_host_clock_offset_seconds{field="lab_b"}'
     poll(lambda: laboratory.query(f"abs({clocks}) < 1e-3"), lambda: f"{laboratory.query(clocks)}", TELLS_S, 0.3)
     of_both = [each for each in asked.everything("h10_1", "ecg") if asked.OF_SEVERAL_HOSTS in each]
@@ -128,7 +128,7 @@ def test_a_session_of_two_is_begun_on_the_page(laboratory: Laboratory, page: Pag
     expect(page.locator("#details h2")).to_contain_text("h10_2")
     page.locator("#wearer").select_option(label="somebody new…")
     page.get_by_label("pseudonym of somebody new").fill("p2")
-    page.get_by_role("button", name="Assign").click()
+    page.get_by_role("button", name="Assign", exact=True).click()
     expect(page.locator(".wearer .said")).to_have_text("sensor_id 'h10_2' is assigned to human_id 'p2'")
     for human, sensor in STREAMS.items():
         card = page.locator(f"#participants .card[aria-label='participant {human}']")
@@ -180,7 +180,7 @@ def test_a_partition(laboratory: Laboratory, page: Page) -> None:
     """10 s, on the network that loses and delays: lab-b is missed, and its samples come once it is over."""
     begun_s = time.monotonic()
     laboratory.network.cut(RADIO)
-    told(page, "host lab-b no longer answers clock-sync")
+    told(page, "host lab_b no longer answers clock-sync")
     fires(laboratory, "HostUnanswering", field="lab_b")
     fires(laboratory, "ServiceUnanswering")
     assert laboratory.shown("sense4hri_host_clock_state", field="lab_b") == [HOLDOVER]
@@ -188,29 +188,31 @@ def test_a_partition(laboratory: Laboratory, page: Page) -> None:
     laboratory.network.heal(RADIO)
     ends(laboratory, "HostUnanswering", field="lab_b")
     ends(laboratory, "ServiceUnanswering")
-    told(page, "host lab-b no longer answers clock-sync", over=True)
+    told(page, "host lab_b no longer answers clock-sync", over=True)
     laboratory.network.loss = laboratory.network.delay_s = 0.0
-    told(page, "after its receipt.*: a machine or the network is too busy", over=True)
 
 
 def test_a_stepped_clock(laboratory: Laboratory, page: Page) -> None:
     """lab-b's is set 2 s ahead, measured to 1 ms, and set back."""
     offset = lambda: laboratory.shown("sense4hri_host_clock_offset_seconds", field="lab_b")  # noqa: E731
     laboratory.clock.step(STEP_S)
-    told(page, r"the clock of host lab-b is (1999|2000)\.\d ms off that of lab-a")
+    told(page, r"the clock of host lab_b is (1999|2000)\.\d ms off that of lab_a")
     fires(laboratory, "HostClocksApart", field="lab_b")
     poll(lambda: abs(abs(offset()[0]) - STEP_S) < 1e-3, lambda: f"an offset of {offset()} s", TELLS_S, 0.3)
     laboratory.clock.step(-STEP_S)
     ends(laboratory, "HostClocksApart", field="lab_b")
-    told(page, "the clock of host lab-b is", over=True)
+    told(page, "the clock of host lab_b is", over=True)
 
 
 def test_an_outsider_neither_reads_nor_steers(laboratory: Laboratory, page: Page, chromium: Browser) -> None:
     """Without a token, or with a wrong one, every port refuses; the page shows nothing; the session goes on."""
-    for address in laboratory.nodes(DESK) + laboratory.nodes(RADIO):
-        for token in ("", "guess"):
-            assert {get(address + path, token)[0] for path in READING} == {401}, address
-            assert {post(address + path, {}, token) for path in STEERING} == {401}, address
+    everything = set()
+    for host, part in laboratory.parts.items():
+        for address in laboratory.nodes(host):
+            for method, path in routes(address, part.tokens["view"]):
+                assert [status(method, address + path, token) for token in ("", "guess")] == [401, 401], address + path
+                everything.add(f"{method} {path}")
+    assert everything >= STEERING
     context = chromium.new_context(ignore_https_errors=True)
     outside = context.new_page()
     outside.goto(laboratory.page)
@@ -221,6 +223,16 @@ def test_an_outsider_neither_reads_nor_steers(laboratory: Laboratory, page: Page
     expect(outside.locator(".lane")).to_have_count(0)
     context.close()
     expect(page.locator("#session-said")).to_have_text(re.compile("^● REC .* bad_day"))
+
+
+def routes(address: str, token: str) -> Iterator[tuple[str, str]]:
+    """Yield method and path of each route of a node but those that are open to all."""
+    for path, methods in json.loads(get(f"{address}/openapi.json", token)[1])["paths"].items():
+        yield from ((method, re.sub("{.*?}", "x", path)) for method in methods if path not in OPEN)
+
+
+def status(method: str, address: str, token: str) -> int:
+    return get(address, token)[0] if method == "get" else post(address, {}, token)
 
 
 def test_what_was_lost_is_told(laboratory: Laboratory, page: Page, tmp_path: Path) -> None:
