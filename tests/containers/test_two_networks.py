@@ -266,6 +266,8 @@ def test_what_was_lost_is_told(laboratory: Laboratory, page: Page, tmp_path: Pat
         assert span > 3000
         assert arrived + lost == span, sensor
     assert entries["p1/ecg/h10_1"]["lost_samples"] > 0
+    steps = [(step["host"], step["step_s"]) for step in report["host_clock_steps"]]
+    assert steps == [(RADIO, pytest.approx(STEP_S, abs=0.01)), (RADIO, pytest.approx(-STEP_S, abs=0.01))]
     markers = [
         marker.name
         for reader in [Reader(folder)]
