@@ -16,12 +16,16 @@ import struct
 import subprocess
 import threading
 import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import TypeVar
 
 TUNSETIFF, IFF_TUN, IFF_NO_PI = 0x400454CA, 0x0001, 0x1000
 CLONE_NEWNET = 0x40000000
 DEVICE = "hosts0"
 LIBC = ctypes.CDLL(None, use_errno=True)
+Found = TypeVar("Found")
 
 
 def why_not() -> str:
@@ -35,7 +39,7 @@ def why_not() -> str:
     if made.returncode:
         return f"no network namespace can be made: {made.stderr.strip()}"
     try:
-        os.close(_device(name))
+        os.close(within(name, _device))
     except OSError as err:
         return f"no TUN device can be made: {err}"
     finally:
@@ -44,15 +48,18 @@ def why_not() -> str:
 
 
 class SlowNetwork:
-    """Hosts by name. delay_s, loss: of every packet from now on; `cut` and `heal` part one host from all others."""
+    """Hosts by name. delay_s, loss: of every packet from now on; `cut` and `heal` part one host from all others.
 
-    def __init__(self, *hosts: str, seed: int = 1) -> None:
+    address: of each, where the hosts have some already.
+    """
+
+    def __init__(self, *hosts: str, seed: int = 1, address: Mapping[str, str] | None = None) -> None:
         self.delay_s, self.loss = 0.0, 0.0
         self.carried = self.dropped = 0
         self._random = random.Random(seed)
         self._cut: set[str] = set()
         self._names = {host: f"{host}-{os.getpid()}" for host in hosts}
-        self.address = {host: f"10.77.0.{number}" for number, host in enumerate(hosts, 1)}
+        self.address = dict(address or {host: f"10.77.0.{number}" for number, host in enumerate(hosts, 1)})
         self._by_address = {bytes(map(int, address.split("."))): host for host, address in self.address.items()}
         self._fds = {host: self._make(host) for host in hosts}
         self._ended = threading.Event()
@@ -62,6 +69,10 @@ class SlowNetwork:
     def inside(self, host: str) -> list[str]:
         """Return the words before a command that is to run on a host."""
         return ["ip", "netns", "exec", self._names[host]]
+
+    def within(self, host: str, do: Callable[[], Found]) -> Found:
+        """Return what a function returns that is called on a host."""
+        return within(self._names[host], do)
 
     def peers(self, host: str) -> str:
         """Return ROS_STATIC_PEERS of a host: all others."""
@@ -85,15 +96,23 @@ class SlowNetwork:
 
     def _make(self, host: str) -> int:
         name = self._names[host]
-        subprocess.run(["ip", "netns", "add", name], check=True)
-        fd = _device(name)
-        for words in (
+        subprocess.run(["ip", "netns", *self._named(host, name)], check=True)
+        fd = within(name, _device)
+        for words in self._settings(host):
+            subprocess.run(["ip", "-n", name, *words], check=True)
+        return fd
+
+    def _named(self, host: str, name: str) -> list[str]:
+        """Return what `ip netns` does for the namespace of a host to have this name: it makes one."""
+        return ["add", name]
+
+    def _settings(self, host: str) -> list[list[str]]:
+        """Return what `ip` does on a host that has its device."""
+        return [
             ["addr", "add", f"{self.address[host]}/24", "dev", DEVICE],
             ["link", "set", DEVICE, "mtu", "1500", "up"],
             ["link", "set", "lo", "up"],
-        ):
-            subprocess.run(["ip", "-n", name, *words], check=True)
-        return fd
+        ]
 
     def _carry(self) -> None:
         waiting: list[tuple[float, int, int, bytes]] = []  # when, in which order, to where, what
@@ -117,25 +136,25 @@ class SlowNetwork:
         heapq.heappush(waiting, (*due, self._fds[to], packet))
 
 
-def _device(namespace: str) -> int:
-    """Return a TUN device made within a namespace; a thread of its own goes there, and ends."""
-    made: list[int] = []
-    wrong: list[OSError] = []
+def within(namespace: str, do: Callable[[], Found]) -> Found:
+    """Return what a function returns that is called in a network namespace: a thread of its own goes there and ends."""
 
-    def make() -> None:
-        try:
-            with open(f"/run/netns/{namespace}") as file:
-                if LIBC.setns(file.fileno(), CLONE_NEWNET):
-                    raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
-            fd = os.open("/dev/net/tun", os.O_RDWR | os.O_CLOEXEC)
-            made.append(fd)
-            fcntl.ioctl(fd, TUNSETIFF, struct.pack("16sH", DEVICE.encode(), IFF_TUN | IFF_NO_PI))
-        except OSError as err:
-            wrong.append(err)
+    def go() -> Found:
+        with open(f"/run/netns/{namespace}") as file:
+            if LIBC.setns(file.fileno(), CLONE_NEWNET):
+                raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
+        return do()
 
-    thread = threading.Thread(target=make)
-    thread.start()
-    thread.join()
-    if wrong:
-        raise wrong[0]
-    return made[0]
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(go).result()
+
+
+def _device() -> int:
+    """Return a TUN device, made here."""
+    fd = os.open("/dev/net/tun", os.O_RDWR | os.O_CLOEXEC)
+    try:
+        fcntl.ioctl(fd, TUNSETIFF, struct.pack("16sH", DEVICE.encode(), IFF_TUN | IFF_NO_PI))
+    except OSError:
+        os.close(fd)
+        raise
+    return fd

@@ -15,7 +15,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "browser"))
 
-from gui_stage import ARGUMENTS, Stage, chromium_path, environment
+from gui_browser import ARGUMENTS, chromium_path
+from gui_stage import Stage, environment
 from processes import claimed_domain, poll
 from sense4hri.chunk import Break, TimedChunk
 from web_gui.history import History

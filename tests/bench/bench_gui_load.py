@@ -16,7 +16,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "browser"))
 
 from bench_gui import COUNT, LANE, SECONDS, cpu_s, resident_mb
-from gui_stage import ARGUMENTS, Stage, chromium_path, environment
+from gui_browser import ARGUMENTS, chromium_path
+from gui_stage import Stage, environment
 from processes import claimed_domain, poll
 from tqdm import tqdm
 

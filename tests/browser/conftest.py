@@ -6,26 +6,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page
 from processes import claimed_domain
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from gui_stage import ARGUMENTS, START_S, Stage, chromium_path, environment
-
-expect.set_options(timeout=START_S * 1000)  # a page shows it in moments; on a busy machine it is ten times as slow
-
-
-@pytest.fixture(scope="session")
-def chromium() -> Iterator[Browser]:
-    """A browser; skipped where none is installed."""
-    path = chromium_path()
-    if path is None:
-        pytest.skip("no Chromium: install the Debian package `chromium`")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=ARGUMENTS, timeout=START_S * 1000)
-        yield browser
-        browser.close()
+from gui_browser import chromium as chromium  # a fixture of every test of this folder
+from gui_stage import START_S, Stage, environment
 
 
 @pytest.fixture(scope="module")

@@ -11,12 +11,14 @@ import threading
 import time
 import urllib.error
 import urllib.request
+from collections.abc import Iterable
 from pathlib import Path
 from typing import IO, Any
 
 import study_file
 import study_tokens
 from monitoring import known
+from wall_clock import WallClock
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCKER = str(ROOT / "compose" / "docker.sh")
@@ -164,6 +166,17 @@ class Study:
             docker("cp", f"{name}:/volume", str(target))
         finally:
             docker("rm", "--force", name)
+
+
+def on_clock(folder: Path, services: Iterable[str]) -> tuple[WallClock, Path]:
+    """Make a wall clock, and the compose file with which these services follow it, in a folder to be made."""
+    folder.mkdir(mode=0o755)
+    clock = WallClock(folder)
+    environment = {name: value.replace(str(folder), "/wall_clock") for name, value in clock.env.items()}
+    changed = {"environment": environment, "volumes": [f"{folder}:/wall_clock:ro"]}
+    override = folder / "wall_clock.yaml"
+    override.write_text(json.dumps({"services": dict.fromkeys(services, changed)}))
+    return clock, override
 
 
 def resident_mb(pid: int) -> float:

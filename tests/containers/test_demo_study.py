@@ -93,7 +93,7 @@ def test_the_rules_pass_their_own_tests(study):
 
 
 def test_every_rule_panel_and_choice_has_data(study):
-    """Every question of a study on one host finds something in the study's Prometheus; test_two_machines asks the rest.
+    """Every question of a study on one host finds something in the study's Prometheus; test_two_networks asks the rest.
 
     Nobody has looked at the dashboards in Grafana.
     """

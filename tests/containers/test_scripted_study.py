@@ -1,6 +1,5 @@
 """The study to which everything happens, in Docker."""
 
-import json
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,10 +7,9 @@ from typing import Any
 
 import pytest
 import scripted_study
-from docker_study import Study
+from docker_study import Study, on_clock
 from processes import wait_for
 from scripted_study import LATE
-from wall_clock import WallClock
 
 LEFT_OUT = {LATE, "verity_2", "prometheus", "web_gui"}
 
@@ -20,13 +18,8 @@ class ContainerLab:
     """The demo study whose containers share one wall clock; what is not played with is left out."""
 
     def __init__(self, folder: Path) -> None:
-        folder.mkdir(mode=0o755)
-        self.clock = WallClock(folder)
-        environment = {name: value.replace(str(folder), "/wall_clock") for name, value in self.clock.env.items()}
-        changed = {"environment": environment, "volumes": [f"{folder}:/wall_clock:ro"]}
-        override = folder / "wall_clock.yaml"
         services = [service for service in Study("demo").services() if service != "prometheus"]
-        override.write_text(json.dumps({"services": dict.fromkeys(services, changed)}))
+        self.clock, override = on_clock(folder, services)
         self.study = Study("demo", override)
         self.study.start(*(service for service in services if service.replace("-", "_") not in LEFT_OUT))
 
