@@ -68,7 +68,7 @@ def main() -> int:
         if unknown := sorted(set(asked.only) - both):
             parser.error(f"not a bench of both revisions: {', '.join(unknown)}; there are {', '.join(sorted(both))}")
         crashed = [name for name in asked.only or sorted(both) if not compared(name, before, now, asked.times, kept)]
-    REPORT.write_text(report(revision, kept, REPORT.read_text()))
+    REPORT.write_text(report(revision, both, kept, REPORT.read_text()))
     print(f"written: {REPORT.relative_to(ROOT)}")
     return 1 if crashed else 0
 
@@ -105,8 +105,11 @@ def checked_out(revision: str) -> Iterator[Path]:
         shutil.rmtree(folder)
 
 
-def report(revision: str, kept: Path, before: str) -> str:
-    """Return docs/benchmarks-compared.md: what was compared here, of all others what stood there before."""
+def report(revision: str, both: set[str], kept: Path, before: str) -> str:
+    """Return docs/benchmarks-compared.md: what was compared here, of all others what stood there before.
+
+    both: names of the benches that both revisions have.
+    """
     first = f"Before: {revision} ("
     known = benchmark_pages.known(before) if f"\n{first}" in before else {}
     for path in sorted(kept.glob("*.json")):
@@ -124,6 +127,8 @@ def report(revision: str, kept: Path, before: str) -> str:
         f"Where a name has{ONE_BENCH}, both were measured by the bench of now: with `--by-this-bench`.",
         *benchmark_pages.tables(HEAD, known),
     ]
+    if missing := sorted(both - {name.removesuffix(ONE_BENCH) for name in known}):
+        lines += ["", f"Not compared yet: {', '.join(missing)}."]
     return "\n".join(lines) + "\n"
 
 
