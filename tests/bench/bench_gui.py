@@ -23,7 +23,7 @@ from web_gui.history import History
 
 SECONDS = 10.0
 TICKS_PER_S = 100
-LANE = "globalThis.sense4hri.lanes.lanes.values().next().value"
+LANE = "globalThis.sense4hri?.lanes.lanes.values().next().value"
 COUNT = """(seconds) => new Promise((done) => {
     const lanes = globalThis.sense4hri.lanes, frames = lanes.frames, start = performance.now(), gaps = [];
     let before = start;

@@ -20,13 +20,15 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from run import BENCH, RESULTS, machine, rows_of
+import benchmark_pages
+from benchmark_pages import machine
+from run import BENCH, RESULTS, rows_of
 
 ROOT = BENCH.parents[1]
 REPORT = ROOT / "docs" / "benchmarks-compared.md"
 COMPARED = RESULTS / "compared"
 ONE_BENCH = " *"
-HEAD = ["| bench | what | target | before | now |", "|---|---|---|---|---|"]
+HEAD = ["| bench | what | target | before | now | day |", "|---|---|---|---|---|---|"]
 
 
 class Tree(NamedTuple):
@@ -66,7 +68,7 @@ def main() -> int:
         if unknown := sorted(set(asked.only) - both):
             parser.error(f"not a bench of both revisions: {', '.join(unknown)}; there are {', '.join(sorted(both))}")
         crashed = [name for name in asked.only or sorted(both) if not compared(name, before, now, asked.times, kept)]
-    REPORT.write_text(report(revision, kept))
+    REPORT.write_text(report(revision, both, kept, REPORT.read_text()))
     print(f"written: {REPORT.relative_to(ROOT)}")
     return 1 if crashed else 0
 
@@ -103,31 +105,40 @@ def checked_out(revision: str) -> Iterator[Path]:
         shutil.rmtree(folder)
 
 
-def report(revision: str, kept: Path) -> str:
-    """Return docs/benchmarks-compared.md: the rows that both revisions have, what each turn measured apart by ;."""
-    told = {path.stem: json.loads(path.read_text()) for path in sorted(kept.glob("*.json"))}
-    days = ", ".join(sorted({one["at"] for one in told.values()}))
+def report(revision: str, both: set[str], kept: Path, before: str) -> str:
+    """Return docs/benchmarks-compared.md: what was compared here, of all others what stood there before.
+
+    both: names of the benches that both revisions have.
+    """
+    first = f"Before: {revision} ("
+    known = benchmark_pages.known(before) if f"\n{first}" in before else {}
+    for path in sorted(kept.glob("*.json")):
+        name, found = path.stem, json.loads(path.read_text())
+        known.pop(name, None)
+        known.pop(name + ONE_BENCH, None)
+        marked = name + ONE_BENCH * found["by_this_bench"]
+        known[marked] = machine(), list(table(marked, found["turns"], found["at"]))
     subject = _git("show", "--no-patch", "--format=%as, %s", revision)
     lines = [
         "# Benchmarks, before and now",
         "",
-        f"Before: {revision} ({subject}). Both measured within minutes of each other, {days}, on {machine()}.",
+        f"{first}{subject}). Both measured within minutes of each other, in turns set apart by `;`.",
         f"Command: `.venv/bin/python tests/bench/compare.py {revision} [NAME ...]`.",
         f"Where a name has{ONE_BENCH}, both were measured by the bench of now: with `--by-this-bench`.",
-        "",
-        *HEAD,
-        *(line for name, one in told.items() for line in table(name + ONE_BENCH * one["by_this_bench"], one["turns"])),
+        *benchmark_pages.tables(HEAD, known),
     ]
+    if missing := sorted(both - {name.removesuffix(ONE_BENCH) for name in known}):
+        lines += ["", f"Not compared yet: {', '.join(missing)}."]
     return "\n".join(lines) + "\n"
 
 
-def table(name: str, turns: list[list[list[dict[str, Any]]]]) -> Iterator[str]:
+def table(name: str, turns: list[list[list[dict[str, Any]]]], day: str) -> Iterator[str]:
     """One line for each row that every turn has at both revisions."""
     sides = [[{row["what"]: row for row in turn[side]} for turn in turns] for side in (0, 1)]
     for what, row in sides[1][0].items():
         if all(what in rows for side in sides for rows in side):
             before, now = (" ; ".join(rows[what]["measured"] for rows in side) for side in sides)
-            yield f"| {name} | {what} | {row['target']} | {before} | {now} |"
+            yield benchmark_pages.row(name, what, row["target"], before, now, day)
 
 
 def _git(*words: str) -> str:

@@ -7,7 +7,6 @@ Numbers, never pass or fail on time: the exit status is 0 unless a bench crashes
 import argparse
 import json
 import os
-import platform
 import subprocess
 import sys
 import time
@@ -15,11 +14,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import benchmark_pages
+from benchmark_pages import machine
+
 BENCH = Path(__file__).resolve().parent
 REPORT = BENCH.parents[1] / "docs" / "benchmarks.md"
 RESULTS = BENCH.parents[1] / "build" / "bench"
 ASK = "import json, sys, importlib; sys.stdout.write('\\n' + json.dumps(importlib.import_module(sys.argv[1]).rows()))"
-MACHINE = "## "
 HEAD = ["| bench | what | target | measured | |", "|---|---|---|---|---|"]
 MARKS = {True: "met", False: "**missed**", None: ""}
 
@@ -62,48 +63,20 @@ def rows_of(folder: Path, name: str, env: dict[str, str]) -> list[dict[str, Any]
 
 
 def report(names: list[str], before: str) -> str:
-    """Return docs/benchmarks.md: the newest result of every bench measured here, of all others what stood there before.
-
-    A section per machine: numbers of different machines are not to be compared.
-    """
-    here = machine()
-    known = {name: (where, lines) for where, tables in sections(before).items() for name, lines in tables.items()}
+    """Return docs/benchmarks.md: of every bench measured here the newest result, of the others what stood there."""
+    known = benchmark_pages.known(before)
     for name in names:
         if (file := RESULTS / f"{name}.json").exists():
-            known[name] = here, [table_row(name, row) for row in json.loads(file.read_text())["rows"]]
+            known[name] = machine(), [table_row(name, row) for row in json.loads(file.read_text())["rows"]]
     lines = ["# Benchmarks", "", "Command: `make bench`, or one alone: `.venv/bin/python tests/bench/run.py NAME`."]
-    for where in dict.fromkeys([here, *(where for where, _ in known.values())]):
-        lines += ["", MACHINE + where, "", *HEAD]
-        lines += [line for name in sorted(known) if known[name][0] == where for line in known[name][1]]
+    lines += benchmark_pages.tables(HEAD, known)
     if missing := [name for name in names if name not in known]:
         lines += ["", f"Not run yet: {', '.join(missing)}."]
     return "\n".join(lines) + "\n"
 
 
-def sections(text: str) -> dict[str, dict[str, list[str]]]:
-    """Return the rows of a report by machine and bench."""
-    found: dict[str, dict[str, list[str]]] = {}
-    where = ""
-    for line in text.splitlines():
-        if line.startswith(MACHINE):
-            where = line.removeprefix(MACHINE)
-        elif line.startswith("| ") and line not in HEAD:
-            found.setdefault(where, {}).setdefault(line.split(" | ")[0].removeprefix("| "), []).append(line)
-    return found
-
-
 def table_row(name: str, row: dict[str, Any]) -> str:
-    return f"| {name} | {row['what']} | {row['target']} | {row['measured']} | {MARKS[row['ok']]} |"
-
-
-def machine() -> str:
-    """Return what the numbers were measured on."""
-    model = next(
-        (line.partition(": ")[2] for line in Path("/proc/cpuinfo").read_text().splitlines() if "model name" in line),
-        platform.machine(),
-    )
-    memory_gib = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
-    return f"{os.cpu_count()} cores ({model}), {memory_gib:.0f} GiB, Python {platform.python_version()}"
+    return benchmark_pages.row(name, row["what"], row["target"], row["measured"], MARKS[row["ok"]])
 
 
 if __name__ == "__main__":

@@ -60,6 +60,14 @@ def test_a_ros_thread_that_ends_ends_the_service(start):
     assert "The ROS thread has ended" in toy.log()
 
 
+@pytest.mark.parametrize("name", ["http", "liveness"])
+def test_no_thread_of_the_kit_ends_in_silence(start, name):
+    """A service does not live on without its port, or with a /healthz that nobody keeps true."""
+    toy = start("toy_service.py", fault=name)
+    assert toy.wait() == 1
+    assert "the toy's disk is broken" in toy.log()
+
+
 def test_nobody_waits_for_a_name_that_is_still_looked_up(start):
     """A name server that does not answer keeps a service that is told to stop no longer than Docker waits."""
     toy = start("toy_service.py", fault="name")

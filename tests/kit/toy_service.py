@@ -4,6 +4,7 @@ import asyncio
 import json
 import signal
 import socket
+import socketserver
 import sys
 import time
 from dataclasses import dataclass
@@ -23,7 +24,8 @@ from std_msgs.msg import String
 class Config:
     """follow: a glob. raw: a topic of raw messages. ask: full name of a node.
 
-    fault: `thread` fails on a thread, `ros` on the ROS thread; `name` looks a name up for longer than anybody waits.
+    fault: `thread` fails on a thread, `ros`, `http`, `liveness` on the kit's own of that name; `name` looks a name up
+    for longer than anybody waits.
 
     SIGUSR1: the main thread hangs; SIGUSR2: the thread `round`, which turns until then. SIGHUP: with `ends` it ends by
     itself.
@@ -82,6 +84,10 @@ async def main(service: Service[Config]) -> None:
         service.thread("worker", toy.fail)
     if config.fault == "ros":
         service.ros.do(toy.fail)
+    if config.fault == "http":
+        socketserver.BaseServer.service_actions = lambda server: toy.fail()
+    if config.fault == "liveness":
+        service.liveness.tick = lambda *how: toy.fail()
     if config.fault == "name":
         socket.getaddrinfo = lambda *_: time.sleep(1000.0)
         service.start(asyncio.get_running_loop().getaddrinfo("sensor", 80))

@@ -82,6 +82,7 @@ class Caller:
             missing=lambda: self.missing,
             warn=self.warnings.append,
         )
+        threading.Thread(target=self.http.serve, daemon=True).start()
         self.http.get("/told", lambda: Told(math.nan, Place(math.inf)), Told)
         self.http.get("/things/{thing}", self._thing, list[str])
         self.http.post("/wish", self._take, Wish, dict[str, str])

@@ -145,7 +145,7 @@ def test_the_running_watch_asks_how_long_each_waited_for_a_processor(monkeypatch
     monkeypatch.setattr(module, "HUNG_S", 0.02)
     watched = Liveness({}, told.append)
     watched.watch("the disk thread", lambda answer: None)
-    watched.start()
+    threading.Thread(target=watched.keep_asking, daemon=True).start()
     try:
         poll(lambda: watched.silent(0.2), "a long silence", 30, 0.01)
     finally:
@@ -170,7 +170,7 @@ def test_the_processor_is_asked_only_for_who_is_late(monkeypatch):
     ticks, liveness = [], Liveness({"one": ask}, lambda names: None)
     tick = liveness.tick
     liveness.tick = lambda *how: ticks.append(how) or tick(*how)
-    liveness.start()
+    threading.Thread(target=liveness.keep_asking, daemon=True).start()
     poll(lambda: len(ticks) > 20, "it has been asked often")
     assert asked == []
     hanging.set()

@@ -45,7 +45,7 @@ class Answer(NamedTuple):
 
 
 class Http:
-    """Serves until closed, on `METRICS_HOST` (loopback unless told otherwise) and `METRICS_PORT`.
+    """Serves from `serve` to `close`, on `METRICS_HOST` (loopback unless told otherwise) and `METRICS_PORT`.
 
     Without `METRICS_PORT` the first free port from 9464 on is taken. run_on_main: carries a handler of the service to
     the thread in which the service lives. silent: the threads of it that do not answer. missing: what the service
@@ -74,7 +74,6 @@ class Http:
         self._guesses = Guesses(self._access)
         self._server = _bind(host, self._request_handler(), broken_connections(metrics).inc)
         self.port = int(self._server.server_address[1])
-        threading.Thread(target=self._server.serve_forever, name="http", daemon=True).start()
 
     def get(self, path: str, handler: Callable[..., Any], answers: Any) -> None:
         """Let handler(**parameters of the path) answer whoever may view."""
@@ -99,6 +98,10 @@ class Http:
     def all_served(self) -> None:
         """Answer on the routes: all of them are there by now. Until then requests wait, but for probes."""
         self._all_served.set()
+
+    def serve(self) -> None:
+        """Answer requests until closed, on a thread of its own; before, they wait."""
+        self._server.serve_forever()
 
     def close(self) -> None:
         """Stop serving and free the port."""

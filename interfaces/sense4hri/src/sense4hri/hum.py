@@ -89,7 +89,7 @@ def _taper(count: int) -> Floats:
 
 
 def _times_s(count: int, fs_hz: float) -> Floats:
-    """From the middle one on."""
+    """Return the times of so many samples in s, 0 in the middle of them."""
     return (np.arange(count, dtype=np.float64) - (count - 1) / 2) / fs_hz
 
 

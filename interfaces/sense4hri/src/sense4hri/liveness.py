@@ -26,9 +26,16 @@ class Liveness:
         self._on_hung, self._told = on_hung, False
         self._closed = threading.Event()
 
-    def start(self) -> None:
-        """Begin to ask."""
-        threading.Thread(target=self._watch, name="liveness", daemon=True).start()
+    def keep_asking(self) -> None:
+        """Ask until closed, on a thread of its own."""
+        processor: Processor | None = None  # asked only while somebody is late: it costs more than all the rest here
+        self.tick(0.0)
+        before_s = time.monotonic()
+        while not self._closed.wait(TICK_S):
+            now_s = time.monotonic()
+            self.tick(now_s - before_s, processor.own(now_s - before_s) if processor else None)
+            processor = (processor or Processor()) if self.silent(TICK_S / 2) else None
+            before_s = now_s
 
     def close(self) -> None:
         """Ask no more."""
@@ -57,16 +64,6 @@ class Liveness:
         if hung and not self._told:
             self._told = True
             self._on_hung(hung)
-
-    def _watch(self) -> None:
-        processor: Processor | None = None  # asked only while somebody is late: it costs more than all the rest here
-        self.tick(0.0)
-        before_s = time.monotonic()
-        while not self._closed.wait(TICK_S):
-            now_s = time.monotonic()
-            self.tick(now_s - before_s, processor.own(now_s - before_s) if processor else None)
-            processor = (processor or Processor()) if self.silent(TICK_S / 2) else None
-            before_s = now_s
 
 
 class Pulse:

@@ -119,7 +119,7 @@ async def _main(
     service.ros.start()
     if not service.http.held:
         service.http.all_served()
-    service.liveness.start()
+    service.thread("liveness", service.liveness.keep_asking)
     service.every(beats.EVERY_S, service.beat)
     service.every(TRIM_EVERY_S, trim)
     await asyncio.wait({work, stop}, return_when=asyncio.FIRST_COMPLETED)

@@ -91,6 +91,7 @@ class Service(Generic[Config]):
             missing=lambda: self._missing,
             warn=self.log.warning,
         )
+        self.thread("http", self.http.serve)
         self._run, self._answered = f"{time.time_ns()}", False
         self._beats = self.publisher(DiagnosticArray, diagnostics.TOPIC, HEALTH)
 

@@ -195,7 +195,7 @@ class Identities:
 
 
 def _any_of(*patterns: str) -> re.Pattern[str]:
-    """Whole words only."""
+    """Return what finds any of the patterns where it is a whole word."""
     return re.compile(rf"(?<![A-Za-z0-9])(?:{'|'.join(patterns)})(?![A-Za-z0-9])")
 
 

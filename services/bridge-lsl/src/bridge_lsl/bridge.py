@@ -5,11 +5,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from sense4hri import host_clocks, qos, stamps
 from sense4hri.discovery import RawStreams
+from sense4hri.errors import Refused
+from sense4hri.graph import follow
 from sense4hri.host_clocks import HostClocks, this_host
-from sense4hri.message_types import message_class
 from sense4hri.modalities import MODALITIES
 from sense4hri.names import ROOT, StreamName
 from sense4hri.patterns import Patterns
@@ -18,6 +20,7 @@ from sense4hri.service import Service
 from sense4hri.stream_info import StreamInfo
 from sense4hri.topics import Topic
 from sense4hri.wire import chunk_of
+from sense4hri_msgs import msg
 from sense4hri_msgs.msg import ClockModel, HostClockArray, Marker, PhysioRaw, StreamHealth
 
 from bridge_lsl import described
@@ -27,13 +30,14 @@ from bridge_lsl.stamping import Model, Stamping, here_ns
 
 MARKERS = "/study/markers"
 LOOK_EVERY_S = 10.0
-FEATURES = {f"sense4hri_msgs/msg/{each.message}" for each in MODALITIES.values() if each.message}
+FEATURES = [getattr(msg, each.message) for each in MODALITIES.values() if each.message]
 
 
 @dataclass
 class Bridged:
     """One topic on LSL; the outlet is there from its first message on, when its channels are known."""
 
+    name: StreamName
     stamping: Stamping
     subscriptions: list[Subscription] = field(default_factory=list)
     outlet: Offered | None = None
@@ -52,7 +56,15 @@ class Bridge:
         service.subscribe(HostClockArray, host_clocks.TOPIC, self._host_clocks.take, qos.HOST_CLOCKS)
         self._offered = service.metrics.gauge("lsl_outlets", "Outlets offered to the Lab Streaming Layer.")
         RawStreams(service, None, self._add, self._remove)
-        service.watch([f"{ROOT}/*/*/*/features"], self._features, FEATURES)
+        follow(
+            service,
+            [f"{ROOT}/*/*/*/features"],
+            self._feature,
+            lambda topic: self._end(topic.name),
+            on_publishers=self._features,
+            types=FEATURES,
+            profile=qos.FEATURES,
+        )
         if service.config.markers:
             self._markers = Offered(described.of_markers())
             service.subscribe(Marker, MARKERS, self._marker, qos.MARKERS)
@@ -80,21 +92,17 @@ class Bridge:
             self._service.subscribe(PhysioRaw, topic, take, qos.deep(qos.RAW), raw=True, fit=True)
         )
 
-    def _features(self, topic: Topic) -> None:
+    def _features(self, topic: Topic, profile: QoSProfile) -> None:
+        """Begin with every publisher anew: what one started afresh computes may have other names."""
         parsed = StreamName.parse(topic.name)
-        kind = message_class(topic.type_name)
-        self._end(topic.name)
-        if parsed is None or kind is None or not topic.publishers or not self._wanted.match(topic.name):
-            return
-        name = parsed[0]
-        bridged = self._begin(topic.name, name, 0.0)
-        take = partial(self._feature, bridged, name)
-        bridged.subscriptions.append(self._service.subscribe(kind, topic.name, take, qos.FEATURES, fit=True))
+        if parsed is None or not self._wanted.match(topic.name):
+            raise Refused("it is not among the topics to bridge")
+        self._begin(topic.name, parsed[0], 0.0)
 
     def _begin(self, topic: str, name: StreamName, rate_hz: float) -> Bridged:
         """Follow a topic, the clock model beside it, and on which host its driver is."""
         self._end(topic)
-        bridged = self._bridged[topic] = Bridged(Stamping(rate_hz))
+        bridged = self._bridged[topic] = Bridged(name, Stamping(rate_hz))
         learn = partial(self._clock, bridged)
         bridged.subscriptions.append(self._service.subscribe(ClockModel, name.topic("clock"), learn, qos.CLOCK))
         locate = partial(self._health, bridged)
@@ -131,11 +139,11 @@ class Bridge:
         times_ns = bridged.stamping.wall_ns(chunk)
         bridged.outlet.push(chunk.samples, here_ns(times_ns, bridged.host, self._here, self._host_clocks))
 
-    def _feature(self, bridged: Bridged, name: StreamName, message: Any) -> None:
-        values = described.numbers(message)
+    def _feature(self, topic: Topic, message: Any) -> None:
+        bridged, values = self._bridged[topic.name], described.numbers(message)
         if bridged.outlet is None:
             bridged.labels = tuple(values)
-            bridged.outlet = Offered(described.of_features(name, bridged.labels))
+            bridged.outlet = Offered(described.of_features(bridged.name, bridged.labels))
             self._count()
         received_ns, device_ns = stamps.to_ns(message.header.stamp), stamps.to_ns(message.device_timestamp)
         at_ns = bridged.stamping.event_ns(received_ns, device_ns)

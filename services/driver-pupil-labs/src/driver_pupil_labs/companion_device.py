@@ -24,7 +24,7 @@ LARGEST_MM, LARGEST_LID_MM = 10.0, 20.0
 
 
 class Companion:
-    """A Device of the kit."""
+    """A Neon or Invisible with its Companion app, as the kit sees it: `stream` connects and yields until it is gone."""
 
     def __init__(self, config: PupilConfig, streams: Mapping[str, Stream]) -> None:
         self._config = config

@@ -20,7 +20,7 @@ CUBIC = {1: np.array([[-1, 4, 4, -1]]) / 6, 2: np.array([[-3, 10, 5, -2], [-2, 5
 
 
 class Jumps:
-    """Takes them out where they are steeper than anything that rose or fell over more than one difference lately."""
+    """Takes jumps out of an ECG: a difference steeper than anything that lately rose or fell over more than one."""
 
     def __init__(self, fs_hz: float) -> None:
         self._fs_hz = fs_hz

@@ -50,7 +50,7 @@ class Follower(NamedTuple):
 
 
 class Levels:
-    """The threshold; candidates come in order."""
+    """Decides which candidates are beats: by a threshold between the levels of beats and of noise; in order of time."""
 
     def __init__(self) -> None:
         self._beats: deque[float] = deque(maxlen=BEATS)

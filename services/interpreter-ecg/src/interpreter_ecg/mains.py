@@ -57,7 +57,7 @@ def _calm(energy: Floats, middle: int) -> Bools:
 
 
 def _exact_hz(line: Floats, mains_hz: float, fs_hz: float) -> float:
-    """Of the mains themselves, from how sampling shows them."""
+    """Return the true frequency of the mains, from the one at which sampling shows (aliases) their hum."""
     turned = 1 if mains_hz % fs_hz < fs_hz / 2 else -1
     return mains_hz + turned * offset_hz(line, folded_hz(mains_hz, fs_hz), fs_hz)
 

@@ -49,7 +49,7 @@ DEVICE_AGE_S = (1.0, 6.0)  # a device's own rate is compared when it came this l
 
 
 class EcgUpdate(NamedTuple):
-    """What the features message says, by its field names; NaN where it cannot be computed. Times on the event clock."""
+    """What the features message says; NaN where it cannot be computed. Times on the event clock."""
 
     device_ns: int | None
     received_ns: int

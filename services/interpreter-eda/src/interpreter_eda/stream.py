@@ -34,7 +34,7 @@ Floats = NDArray[np.float64]
 
 
 class EdaUpdate(NamedTuple):
-    """The EDA message before it is one; times on the event clock, NaN where something cannot be computed."""
+    """What the EDA message says; times on the event clock, NaN where something cannot be computed."""
 
     device_ns: int | None
     received_ns: int

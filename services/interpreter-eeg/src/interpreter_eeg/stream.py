@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 
 
 class EegUpdate(NamedTuple):
-    """The EEG message before it is one; arrays follow channel_names, NaN where something cannot be computed."""
+    """What the EEG message says; arrays follow channel_names, NaN where something cannot be computed."""
 
     device_ns: int | None
     received_ns: int

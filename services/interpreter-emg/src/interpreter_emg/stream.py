@@ -35,7 +35,7 @@ Floats = NDArray[np.float64]
 
 
 class EmgUpdate(NamedTuple):
-    """What the features message says, by its field names; arrays follow channel_names. Times on the event clock."""
+    """What the features message says; arrays follow channel_names. Times on the event clock."""
 
     device_ns: int | None
     received_ns: int

@@ -27,7 +27,7 @@ ABSENT = Look(np.nan, np.nan, ([], []), [], "is not among the channels")
 
 
 class EogUpdate(NamedTuple):
-    """The EOG message before it is one; times on the event clock, NaN where something cannot be computed."""
+    """What the EOG message says; times on the event clock, NaN where something cannot be computed."""
 
     device_ns: int | None
     received_ns: int

@@ -1,4 +1,4 @@
-"""The EyeTracking message before it is one."""
+"""What the EyeTracking message says."""
 
 from typing import NamedTuple
 

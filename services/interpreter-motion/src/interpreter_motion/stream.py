@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 
 
 class MotionUpdate(NamedTuple):
-    """What the features message says, by its field names; NaN where it cannot be computed."""
+    """What the features message says; NaN where it cannot be computed."""
 
     device_ns: int | None
     received_ns: int

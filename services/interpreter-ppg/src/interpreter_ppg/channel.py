@@ -37,7 +37,7 @@ class Channel:
         return np.array([pulse.height for pulse in self._pulses])
 
     def unlink(self) -> None:
-        """A hole in the signal follows."""
+        """Take note of a hole after the last samples: no interval is measured across it."""
         self._detector.unlink()
 
     def look(self, ppg: Floats, times_s: Floats, fs_hz: float, lookahead_s: float) -> None:

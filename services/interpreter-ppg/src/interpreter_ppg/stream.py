@@ -42,7 +42,7 @@ CLIPPED_SHARE = 0.02  # of samples at an end of the range that is called saturat
 
 
 class PpgUpdate(NamedTuple):
-    """The PPG message before it is one; times on the event clock, NaN where something cannot be computed."""
+    """What the PPG message says; times on the event clock, NaN where something cannot be computed."""
 
     device_ns: int | None
     received_ns: int

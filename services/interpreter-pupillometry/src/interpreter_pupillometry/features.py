@@ -67,7 +67,7 @@ def _not_faster(sizes: Floats, seconds: Floats, good: Flags, level: float) -> Fl
 
 
 def _without_margins(seconds: Floats, good: Flags) -> Flags:
-    """Without what lies near a gap."""
+    """Return which samples are good and not near a gap: the lid hides part of the pupil before and after a blink."""
     at = np.flatnonzero(good)
     if len(at) < 2:
         return good

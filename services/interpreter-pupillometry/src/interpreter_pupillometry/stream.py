@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 
 
 class PupilUpdate(NamedTuple):
-    """The Pupillometry message before it is one; NaN where something cannot be computed."""
+    """What the Pupillometry message says; NaN where something cannot be computed."""
 
     device_ns: int | None
     received_ns: int

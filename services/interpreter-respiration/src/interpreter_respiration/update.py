@@ -6,7 +6,7 @@ from sense4hri.step import Feature
 
 
 class RespirationUpdate(NamedTuple):
-    """The Respiration message before it is one; times on the event clock, NaN where something cannot be computed."""
+    """What the Respiration message says; times on the event clock, NaN where something cannot be computed."""
 
     device_ns: int | None
     received_ns: int

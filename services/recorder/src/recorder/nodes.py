@@ -66,7 +66,7 @@ class Nodes:
         return [node.as_json() for node in sorted(seen, key=lambda node: node.name)]
 
     def _look(self) -> None:
-        """Compare what is there with what was."""
+        """Note which nodes have come, and which have gone, since the last look."""
         names = self._service.node.get_node_names_and_namespaces()
         present = {f"{space.rstrip('/')}/{name}" for name, space in names if not name.startswith("_")}
         now_ns = time.time_ns()
@@ -113,7 +113,7 @@ class Nodes:
 
 
 def _json(value: Any) -> Any:
-    """As JSON can say it: what is no number as None."""
+    """Return the value as JSON can hold it: infinities and NaN become None."""
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return [_json(entry) for entry in value] if isinstance(value, list) else value

@@ -79,7 +79,7 @@ class Scale(NamedTuple):
     over: bool = False
 
     def after(self, factor: float) -> "Scale":
-        """Return the scale of values that are to be multiplied by another factor first."""
+        """Return this scale for values that are first multiplied by another factor, both in one step."""
         return self._replace(factor=self.factor / factor if self.over else self.factor * factor)
 
 

@@ -15,7 +15,7 @@ class Listening:
         self._needed, self._lock = 0, asyncio.Lock()
 
     async def need(self, change: int) -> None:
-        """One more (+1) or one less (-1) needs it."""
+        """Count those who need scanning, +1 or -1: it begins with the first and ends with the last of them."""
         async with self._lock:
             was, self._needed = self._needed, self._needed + change
             if was == 0 and self._needed > 0:
