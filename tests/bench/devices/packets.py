@@ -118,11 +118,12 @@ def pupil_core() -> Played:
     for on_s, pupil_s in ((0.0, 4000.0), (SIGNAL_S / 2, 1.0)):
         clock = DeviceClock(round(on_s * SECOND_NS), round(pupil_s * SECOND_NS), 40.0)
         virtual, told = VirtualCapture(clock), Told(known)
-        virtual.begin(on_s)
+        virtual.begin(on_s + 0.005)  # between a left and a right picture, and so ends the last of the steps
         known.connected()
-        for number in range(1, int(SIGNAL_S * 50 / 2) + 1):
+        last = int(SIGNAL_S * 50 / 2) - 1
+        for number in range(1, last + 1):
             at_s, kept = on_s + number * 0.02, []
-            careful = not 100 < number < SIGNAL_S * 50 / 2 - 100  # what is lost at an end nobody can count
+            careful = not 100 < number < last - 100  # what is lost at an end nobody can count
             for topic, payload in virtual.send(at_s):
                 picture = topic.endswith(b"3d") and topic.startswith(b"pupil")
                 gone = picture and not careful and random.random() < LOSS
@@ -137,7 +138,7 @@ def pupil_core() -> Played:
                         told.gaze(gaze, received_ns)
                     case Pupil() as pupil:
                         told.pupil(pupil, received_ns)
-            items = list(told.items() if number < SIGNAL_S * 50 / 2 else told.rest())
+            items = list(told.items() if number < last else told.rest())
             codec_s += time.process_time() - begun_s
             for item in items:
                 if isinstance(item, Samples) and item.sensor_type == "pupillometry":
