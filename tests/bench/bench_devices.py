@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 from devices.live import live_rows, studies
-from devices.packets import brainflow_cyton, polar_h10, pupil_neon, vernier_belt
+from devices.packets import brainflow_cyton, polar_h10, pupil_core, pupil_neon, vernier_belt
 from devices.played import Played, codec_rows
 from devices.serial_links import bioharness_ecg, bitalino, microcontroller, shimmer_gsr
 
@@ -24,6 +24,7 @@ PLAYED: tuple[Callable[[], Played], ...] = (
     vernier_belt,
     shimmer_gsr,
     bioharness_ecg,
+    pupil_core,
     pupil_neon,
 )
 

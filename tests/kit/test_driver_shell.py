@@ -193,6 +193,11 @@ def test_a_device_that_is_lost_while_it_is_released_does_not_hold_the_driver_up(
             {},
             "parameter 'ecg.sampling_frequency_hz' is 0, the device has 100",
         ),
+        (
+            {"sensor_id": "toy_1", "ecg__sampling_frequency_hz": 200},
+            {"TOY_FAULTS": "asked"},
+            "parameter 'ecg.sampling_frequency_hz' is 200, the device has 125",
+        ),
         ({"sensor_id": "toy_1"}, {"METRICS_PORT": "http"}, "METRICS_PORT is 'http'"),
     ],
 )
@@ -202,6 +207,36 @@ def test_a_wrong_configuration_is_one_line_and_status_78(start, parameters, env,
     assert process.wait() == 78
     assert named in process.log()
     assert "Traceback" not in process.log()
+
+
+@pytest.mark.parametrize(
+    ("words", "env", "named"),
+    [
+        (("-p", "labels:=[a:b]"), {}, "labels:=[a:b]"),
+        (("--params-file", "/there/is/none.yaml"), {}, "/there/is/none.yaml"),
+        (("--params-file", __file__), {}, __file__),
+        (("--parameters", "p.yaml"), {}, "--parameters"),
+        ((), {"ROS_DOMAIN_ID": "lab"}, "ROS_DOMAIN_ID"),
+    ],
+)
+def test_words_that_ros_cannot_read_are_a_wrong_configuration(start, words, env, named):
+    """A parameter that is no YAML, a file that is none or not there: status 78, the last line says which."""
+    process = start("toy_driver.py", "--ros-args", *words, env=env)
+    assert process.wait() == 78
+    last = process.log().splitlines()[-1]
+    assert last.startswith("driver_toy: configuration: ")
+    assert named in last
+    assert "Traceback" not in process.log()
+
+
+def test_a_rate_that_only_the_connected_device_knows_is_held_against_what_that_says(start, ears):
+    """The driver's table says 100 Hz, the study 128, the device 125: it streams, at the study's rate."""
+    start(
+        "toy_driver.py", env={"TOY_FAULTS": "asked"}, sensor_id="toy_1", human_id="p1", ecg__sampling_frequency_hz=128
+    ).until("streaming")
+    request = GetParameters.Request(names=["ecg.sampling_frequency_hz"])
+    (rate,) = ears.ask(GetParameters, "/driver_toy_toy_1/get_parameters", request).values
+    assert rate.double_value == 128.0
 
 
 def test_a_taken_metrics_port_is_a_configuration_error(start):

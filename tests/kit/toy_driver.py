@@ -4,7 +4,7 @@
 frame is undecodable), `gap` (ten samples are missing), `time` (a frame, an event and a measurement of its clock have
 impossible device times), `config` (the configuration is wrong, found on connecting). Of a toy without a clock,
 `counted` tells the gap by its count, and `uncounted` has none. `stuck`: its link is lost while it is released. `long`:
-it says more of itself than anybody reads.
+it says more of itself than anybody reads. `asked`: only on connecting it tells its rate, 125 Hz.
 While the file that `TOY_AWAY` names exists, the toy is out of reach.
 """
 
@@ -13,13 +13,14 @@ import os
 import sys
 import time
 from collections.abc import AsyncGenerator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from sense4hri.chunk import Chunk
 from sense4hri.device import (
     ClockMeasurement,
+    Declared,
     DriverConfig,
     Feature,
     Identity,
@@ -33,7 +34,9 @@ from sense4hri.device import (
 from sense4hri.driver import run_driver
 from sense4hri.errors import ConfigError, DeviceLost, FrameError
 
-FS_HZ, FRAME = 100.0, 10
+FS_HZ, ASKED_HZ, FRAME = 100.0, 125.0, 10
+FAULTS = frozenset(filter(None, os.environ.get("TOY_FAULTS", "").split(",")))
+ECG = Stream(FS_HZ, "uV", -1e6, 1e6, 24, ("ecg",))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,11 +44,15 @@ class Config(DriverConfig):
     gain: float = 1.0
     labels: tuple[str, ...] = ("a", "b")
 
+    @property
+    def asks_rates(self) -> bool:
+        return "asked" in FAULTS
+
 
 class Toy:
     def __init__(self, config: Config, streams: Mapping[str, Stream]) -> None:
         self._config, self._streams = config, streams
-        self._faults = set(filter(None, os.environ.get("TOY_FAULTS", "").split(",")))
+        self._faults = set(FAULTS)
         self._sent = 0
 
     def _once(self, fault: str) -> bool:
@@ -65,6 +72,8 @@ class Toy:
         model = "toy " * 100 if "long" in self._faults else None
         yield Identity(serial_number="TOY-1", firmware_version="1.2.3", model=model)
         yield Status(battery_percent=81.0, rssi_dbm=-60.0, contact=1.0)
+        if "asked" in self._faults:
+            yield Declared({"ecg": replace(ECG, sampling_frequency_hz=ASKED_HZ)})
         begun_s = time.monotonic()
         try:
             for frame in range(1_000_000):
@@ -97,5 +106,4 @@ class Toy:
 
 
 if __name__ == "__main__":
-    stream = Stream(FS_HZ, "uV", -1e6, 1e6, 24, ("ecg",))
-    sys.exit(run_driver("toy", Config, lambda config: {"ecg": stream}, Toy))
+    sys.exit(run_driver("toy", Config, lambda config: {"ecg": ECG}, Toy))

@@ -13,7 +13,7 @@ from bench_scaling import cpu_s
 from devices.played import row
 
 CPU_PERCENT, BACK_S = 2.0, 5.0
-SETTLE_S, MEASURE_S, AWAY_S, LONGEST_BACK_S = 10.0, 20.0, 3.0, 30.0
+SETTLE_S, MEASURE_S, AWAY_S, LONGEST_BACK_S = 10.0, 20.0, 3.0, 60.0
 STREAMING = 2.0
 """Of the metric `state`."""
 
@@ -25,7 +25,8 @@ def live_rows(name: str) -> list[dict[str, Any]]:
         try:
             drivers = [each for each in study.study.sensors if each.sensor_id]
             for driver in drivers:
-                _until_more(study.port(driver.name), -1)
+                if _until_more(study.port(driver.name), 0) == float("inf"):
+                    raise RuntimeError(f"{driver.name} has never streamed")
             time.sleep(SETTLE_S)
             first = {each.name: cpu_s(study.children[each.name].pid) for each in drivers}
             time.sleep(MEASURE_S)

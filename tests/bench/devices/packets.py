@@ -102,37 +102,89 @@ def vernier_belt() -> Played:
     return Played("driver-vernier, belt", 4 * in_half, lost, tally.came, tally.lost, codec_s)
 
 
+def pupil_core() -> Played:
+    """Sizes of both pupils of a Core, a picture each; its clock is 40 ppm fast and begins anew in the middle.
+
+    What is lost of one eye is NaN, of both a row. How well its clock is known the exchange over the network decides.
+    """
+    from driver_pupil_labs.device import Told
+    from driver_pupil_labs.protocol import Gaze, Pupil, decode
+    from driver_pupil_labs.streams import Known
+    from sensor_bench.clock import DeviceClock
+    from sensor_bench.pupil_core.capture import VirtualCapture
+
+    random, tally, known, codec_s = np.random.default_rng(5), Tally(120.0), Known(), 0.0
+    begun_ns, sent, lost, missed = 1_700_000_000 * SECOND_NS, 0, 0, 0
+    for on_s, pupil_s in ((0.0, 4000.0), (SIGNAL_S / 2, 1.0)):
+        clock = DeviceClock(round(on_s * SECOND_NS), round(pupil_s * SECOND_NS), 40.0)
+        virtual, told = VirtualCapture(clock), Told(known)
+        virtual.begin(on_s + 0.005)  # between a left and a right picture, and so ends the last of the steps
+        known.connected()
+        last = int(SIGNAL_S * 50 / 2) - 1
+        for number in range(1, last + 1):
+            at_s, kept = on_s + number * 0.02, []
+            careful = not 100 < number < last - 100  # what is lost at an end nobody can count
+            for topic, payload in virtual.send(at_s):
+                picture = topic.endswith(b"3d") and topic.startswith(b"pupil")
+                gone = picture and not careful and random.random() < LOSS
+                sent, lost = sent + picture, lost + gone
+                if not gone:
+                    kept.append((topic, payload))
+            received_ns = begun_ns + round((at_s + random.gamma(2.0, 0.003)) * SECOND_NS)
+            begun_s = time.process_time()
+            for topic, payload in kept:
+                match decode(topic.decode(), payload):
+                    case Gaze() as gaze:
+                        told.gaze(gaze, received_ns)
+                    case Pupil() as pupil:
+                        told.pupil(pupil, received_ns)
+            items = list(told.items() if number < last else told.rest())
+            codec_s += time.process_time() - begun_s
+            for item in items:
+                if isinstance(item, Samples) and item.sensor_type == "pupillometry":
+                    missed += int(np.isnan(item.chunk.samples[:, :2]).sum())
+                    tally.take(item)
+    came, counted = 2 * tally.came - missed, missed + 2 * tally.lost
+    return Played("driver-pupil-labs, Core sizes", sent, lost, came, counted, codec_s)
+
+
 def pupil_neon() -> Played:
-    """Gaze of a Neon, a datagram each: the phone's clock 40 ppm fast; RTP's numbers and ticks wrap."""
+    """Gaze of a Neon, a datagram each: the phone's clock 40 ppm fast, an hour behind from the middle on; RTP wraps."""
     from driver_pupil_labs import rtp
     from driver_pupil_labs.companion_device import Told
     from driver_pupil_labs.companion_link import Came
+    from driver_pupil_labs.streams import Known
     from sense4hri.arrivals import Arrival
     from sensor_bench.clock import DeviceClock
     from sensor_bench.neon.app import Player, VirtualApp
 
-    begun_ns, buffer, timeline = 1_700_000_000 * SECOND_NS, bytearray(), rtp.Timeline(90_000)
-    app = VirtualApp(DeviceClock(0, begun_ns, 40.0), loss=LOSS)
-    player, told, tally, codec_s = Player(app, "gaze", 0.0), Told(1600.0, 1200.0), Tally(200.0), 0.0
-    for number in range(1, int(SIGNAL_S / 0.02) + 4):
-        app.loss = LOSS if 1 < number < SIGNAL_S / 0.02 - 4 else 0.0  # what is lost at an end nobody can count
-        buffer += player.send(number * 0.02)
-        received_ns = begun_ns + number * 20_000_000
-        begun_s = time.process_time()
-        arrivals = []
-        for channel, octets in rtp.take(buffer):
-            if channel:
-                timeline.reported(rtp.report(octets))
-                continue
-            packet = rtp.packet(octets)
-            came = Came("gaze", timeline.time_ns(packet.ticks), packet.payload, timeline.count(packet.sequence))
-            arrivals.append(Arrival(received_ns, came))
-        items = list(told.take(arrivals))
-        codec_s += time.process_time() - begun_s
-        for item in items:
-            if isinstance(item, Samples) and item.sensor_type == "eye_tracking":
-                tally.take(item)
-    counts = app.counts
-    return Played(
-        "driver-pupil-labs, Neon gaze", counts.samples_sent, counts.samples_lost, tally.came, tally.lost, codec_s
-    )
+    random, tally, known, codec_s = np.random.default_rng(6), Tally(200.0), Known(), 0.0
+    begun_ns, skew, half = 1_700_000_000 * SECOND_NS, 40e-6, int(SIGNAL_S / 0.04)
+    app = VirtualApp(DeviceClock(0, begun_ns, skew * 1e6))
+    for on_s, behind_s in ((0.0, 0.0), (SIGNAL_S / 2, 3600.0)):
+        clock = app.clock = DeviceClock(round(on_s * SECOND_NS), begun_ns - round(behind_s * SECOND_NS), skew * 1e6)
+        buffer, timeline, player = bytearray(), rtp.Timeline(90_000), Player(app, "gaze", on_s)
+        told = Told(1600.0, 1200.0, known)
+        known.connected()
+        for number in range(1, half + 1):
+            at_s = on_s + number * 0.02
+            app.loss = LOSS if 1 < number < half - 4 else 0.0  # what is lost at an end nobody can count
+            buffer += player.send(at_s)
+            received_ns = begun_ns + round((at_s + random.gamma(2.0, 0.003)) * SECOND_NS)
+            begun_s = time.process_time()
+            arrivals = []
+            for channel, octets in rtp.take(buffer):
+                if channel:
+                    timeline.reported(rtp.report(octets))
+                    continue
+                packet = rtp.packet(octets)
+                came = Came("gaze", timeline.time_ns(packet.ticks), packet.payload, timeline.count(packet.sequence))
+                arrivals.append(Arrival(received_ns, came))
+            items = list(told.take(arrivals))
+            codec_s += time.process_time() - begun_s
+            for item in items:
+                if isinstance(item, Samples) and item.sensor_type == "eye_tracking":
+                    elapsed_ns = ((item.chunk.device_ns or 0) - clock.segments[0].device_ns) / (1 + skew)
+                    tally.take(item, begun_ns + round(on_s * SECOND_NS + elapsed_ns))
+    sent, lost = app.counts.samples_sent, app.counts.samples_lost
+    return Played("driver-pupil-labs, Neon gaze", sent, lost, tally.came, tally.lost, codec_s, tally.settled_ms())

@@ -243,8 +243,10 @@ async def shimmer(path: Path, carry=lambda packet, **_: packet):
 def test_a_board_that_samples_at_another_rate_than_its_table_s_is_declared_at_its_own(tmp_path):
     """A Shimmer3 keeps its rate, and `commands` may set one: BrainFlow's table says 512 Hz, this one does 64 or 128.
 
-    Its electrodes' counts come as the converter sent them.
+    So what the study says is held against that rate, not the table's. Its electrodes' counts come as the converter
+    sent them.
     """
+    assert BrainflowConfig(sensor_id="it_1", board="SHIMMER3").asks_rates
     sent: list[int] = []
 
     def carry(packet: bytes, **_: int) -> bytes:

@@ -19,10 +19,10 @@ DEADLINE_S = 20.0
 
 
 @asynccontextmanager
-async def running(port: int = 0, **more):
+async def running(address: str = "127.0.0.1", **more):
     host = HostClock()
     clock = DeviceClock(host.now_ns(), 7_000_000_000_000, skew_ppm=50.0)
-    server = CaptureServer(VirtualCapture(clock, host.now_ns(), **more), host, port=port)
+    server = CaptureServer(VirtualCapture(clock, host.now_ns(), **more), host, address)
     await server.start()
     try:
         yield server
@@ -30,8 +30,8 @@ async def running(port: int = 0, **more):
         await server.stop()
 
 
-def core(port: int, **more) -> Core:
-    return Core(PupilConfig(sensor_id="core_1", address="127.0.0.1", port=port, **more), {})
+def core(port: int, address: str = "127.0.0.1") -> Core:
+    return Core(PupilConfig(sensor_id="core_1", address=address, port=port), {})
 
 
 def test_it_streams_and_measures_the_clock():
@@ -48,6 +48,16 @@ def test_it_streams_and_measures_the_clock():
     host_ns = measured.device_ns + measured.offset_ns
     assert abs(clock.read_ns(host_ns) - measured.device_ns) < measured.uncertainty_s * 1e9 + 50_000
     assert isinstance(got[-2], Declared | ClockMeasurement)
+
+
+def test_an_address_of_ipv6_is_reached():
+    """`::1`, as it stands in the study: requests and what is published."""
+
+    async def listen():
+        async with running("::1") as server, aclosing(core(server.port, "::1").stream()) as items:
+            return await until(items, lambda item: isinstance(item, Samples))
+
+    assert isinstance(asyncio.run(listen())[-1], Samples)
 
 
 def test_markers_of_the_study_are_recorded_by_capture_at_their_time():

@@ -144,6 +144,8 @@ def test_losses_are_holes_of_as_many_periods():
     missing = np.rint(np.diff(times_ns) * 120e-9).astype(int) - 1
     assert missing.sum() > 0
     assert 2 * missing.sum() + np.isnan(sizes).sum() == virtual.counts["pupil"].lost > 60
+    steps = np.diff(times_ns) * 120e-9
+    assert np.abs(steps - np.rint(steps)).max() < 0.01, "a row of one eye alone lies where the others do"
 
 
 def test_one_camera_has_gaze_of_its_rate():

@@ -51,7 +51,10 @@ class DriverConfig(Schema):
 
     @property
     def asks_rates(self) -> bool:
-        """Whether the device is asked for the rates that a study gives its streams, and refuses what it cannot do."""
+        """Whether only the connected device knows its rates: it is asked for those of a study, or tells its own then.
+
+        It refuses what it cannot do, or declares what it does.
+        """
         return False
 
 

@@ -211,12 +211,16 @@ class Outlets:
         self._service, self._sensor_id, self._human_id = service, sensor_id, human_id
         self.by_type: dict[str, Outlet] = {}
 
-    def declare(self, streams: Mapping[str, Stream]) -> dict[str, Stream]:
+    def declare(self, streams: Mapping[str, Stream], connected: bool = False) -> dict[str, Stream]:
         """Offer what the driver knows of its streams; return them with the study's parameters in place of its own.
 
-        Raises ConfigError that names the parameter which cannot be.
+        connected: the device itself says so, also of rates that it is asked for. Raises ConfigError that names the
+        parameter which cannot be.
         """
-        declared = {sensor_type: self._parameters(sensor_type, own) for sensor_type, own in streams.items()}
+        rates_known = connected or not self._service.config.asks_rates
+        declared = {
+            sensor_type: self._parameters(sensor_type, own, rates_known) for sensor_type, own in streams.items()
+        }
         for sensor_type, stream in declared.items():
             self._offer(sensor_type, stream)
         return declared
@@ -226,7 +230,7 @@ class Outlets:
         for sensor_type in [one for one, outlet in self.by_type.items() if outlet.stream and one not in streams]:
             self.by_type.pop(sensor_type).close()
             self._withdraw(sensor_type)
-        self.declare(streams)
+        self.declare(streams, connected=True)
 
     def of(self, sensor_type: str) -> Outlet:
         """Return the outlet of a sensor type; of one nobody declared it carries reports and health, no samples."""
@@ -252,7 +256,7 @@ class Outlets:
         outlet.become(stream)
         outlet.open(self._human_id)
 
-    def _parameters(self, sensor_type: str, own: Stream) -> Stream:
+    def _parameters(self, sensor_type: str, own: Stream, rate_known: bool) -> Stream:
         """Declare the parameters of a stream, afresh where there are some; only the driver itself sets them."""
         self._withdraw(sensor_type)
         node = self._service.node
@@ -266,7 +270,7 @@ class Outlets:
             parameters.declare(node, f"{sensor_type}.{name}", float, math.nan, Rule(help_, settable=True, nan=True))
         stream = Stream(**values)
         check_stream(sensor_type, own, stream)
-        if not self._service.config.asks_rates:
+        if rate_known:
             check_rate(sensor_type, own, stream)
         return stream
 

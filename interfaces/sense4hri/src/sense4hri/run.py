@@ -11,6 +11,7 @@ from typing import TypeVar, TypeVarTuple
 
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor
+from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 
@@ -45,8 +46,8 @@ def run(
     SIGTERM and SIGINT set `stopped`; main then has stop_timeout_s to return. A ConfigError is one line and status 78.
     """
     signal.signal(signal.SIGTERM, _stop_before_start)
-    rclpy.init(args=[*sys.argv[:1], *FEWER, *sys.argv[1:]], signal_handler_options=SignalHandlerOptions.NO)
     try:
+        _begin_ros()
         with asyncio.Runner(loop_factory=_Loop) as runner:
             runner.run(_run(name, schema, main, node_name, stop_timeout_s))
     except ConfigError as err:
@@ -55,6 +56,17 @@ def run(
     finally:
         try_shutdown()
     return 0
+
+
+def _begin_ros() -> None:
+    """Let ROS read its words. Raises ConfigError where it cannot: parameters or a file of them, or ROS_DOMAIN_ID."""
+    try:
+        rclpy.init(args=[*sys.argv[:1], *FEWER, *sys.argv[1:]], signal_handler_options=SignalHandlerOptions.NO)
+    except RCLError as err:
+        why, _, _ = str(err).removeprefix("failed to initialize rcl: ").partition(", at /")
+        raise ConfigError(why) from err
+    except UnknownROSArgsError as err:
+        raise ConfigError(f"ROS does not know {err}") from err
 
 
 class _Loop(asyncio.SelectorEventLoop):

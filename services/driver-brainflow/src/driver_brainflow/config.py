@@ -72,6 +72,11 @@ class BrainflowConfig(DriverConfig):
             raise ValueError(f"file: {PLAYBACK} plays one, give it, file_aux or file_anc")
 
     @property
+    def asks_rates(self) -> bool:
+        """True: its memory or a command may have set another rate than that of BrainFlow's table."""
+        return True
+
+    @property
     def described(self) -> str:
         """The board whose samples come."""
         return self.master_board or self.board

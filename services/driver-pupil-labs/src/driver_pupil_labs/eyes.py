@@ -85,13 +85,15 @@ class Pairing:
     """Pictures of the eyes in, rows of `diameter_left`, `diameter_right`, `confidence` out, in order.
 
     eyes: those whose cameras run; of one eye there are rows of `diameter_...` and `confidence`. The row has the time of
-    the right eye's picture where it has one, NaN for a picture that is missing, and the lower of the two confidences.
+    the right eye's picture, NaN for a picture that is missing, and the lower of the two confidences. Where the right
+    one is missing it has the left one's time less what that was behind the last time: at its own it would jitter beside
+    the others, which would hide rows that are missing.
     """
 
     def __init__(self, eyes: frozenset[int], period_ns: float) -> None:
         self.eyes, self._half_ns, self._wait_ns = eyes, period_ns / 2, WAIT_FRAMES * period_ns
         self._waiting: dict[int, deque[tuple[Pupil, int]]] = {eye: deque() for eye in sorted(eyes)}
-        self._newest_ns = 0
+        self._newest_ns = self._behind_ns = 0
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -125,10 +127,12 @@ class Pairing:
         if len(queues) == 1 or abs(queues[RIGHT][0][0].time_ns - queues[LEFT][0][0].time_ns) > self._half_ns:
             return self._alone(oldest)
         (right, right_ns), (left, left_ns) = queues[RIGHT].popleft(), queues[LEFT].popleft()
+        self._behind_ns = left.time_ns - right.time_ns
         values = (left.diameter, right.diameter, min(left.confidence, right.confidence))
         return Row(right.time_ns, max(right_ns, left_ns), values)
 
     def _alone(self, queue: deque[tuple[Pupil, int]]) -> Row:
         pupil, received_ns = queue.popleft()
         sizes = [pupil.diameter if eye == pupil.eye else math.nan for eye in (LEFT, RIGHT) if eye in self.eyes]
-        return Row(pupil.time_ns, received_ns, (*sizes, pupil.confidence))
+        time_ns = pupil.time_ns - (self._behind_ns if pupil.eye == LEFT else 0)
+        return Row(time_ns, received_ns, (*sizes, pupil.confidence))

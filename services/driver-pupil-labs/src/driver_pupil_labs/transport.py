@@ -10,6 +10,7 @@ from contextlib import suppress
 from typing import NamedTuple
 
 import zmq
+from sense4hri.access import in_url
 from sense4hri.device import MESSAGE_S, ClockMeasurement, Identity
 from sense4hri.errors import DeviceLost
 from sense4hri.stamps import SECOND_NS
@@ -65,12 +66,13 @@ class CaptureLink:
     """A connection to Pupil Capture; nothing waits for it but `read`. All but `tell` is for one thread at a time."""
 
     def __init__(self, host: str, port: int) -> None:
-        self._host, self._where = host, f"Pupil Capture at {host}:{port}"
+        self._host, self._where = in_url(host), f"Pupil Capture at {in_url(host)}:{port}"
         self._context = zmq.Context()
         self._asking, self._hearing = self._context.socket(zmq.REQ), self._context.socket(zmq.SUB)
         self._poller = zmq.Poller()
         for socket in (self._asking, self._hearing):
             socket.linger, socket.maxmsgsize = 0, LARGEST
+            socket.ipv6 = ":" in host  # of a name its IPv4 address is taken
             self._poller.register(socket, zmq.POLLIN)
         self._hearing.rcvhwm = 20_000
         self._requests: deque[tuple[bytes, ...]] = deque([(b"SUB_PORT",), (b"v",)], maxlen=100)

@@ -5,6 +5,7 @@ import contextlib
 
 import zmq
 import zmq.asyncio
+from sense4hri.access import in_url
 
 from sensor_bench.clock import HostClock
 from sensor_bench.pupil_core.capture import VirtualCapture
@@ -29,10 +30,10 @@ class CaptureServer:
         self._sockets = [context.socket(zmq.REP), context.socket(zmq.PUB)]
         answers, published = self._sockets
         for socket in self._sockets:
-            socket.linger = 0
+            socket.linger, socket.ipv6 = 0, ":" in self._address
         published.sndhwm = 100_000
-        answers.bind(f"tcp://{self._address}:{self.port or '*'}")
-        published.bind(f"tcp://{self._address}:*")
+        answers.bind(f"tcp://{in_url(self._address)}:{self.port or '*'}")
+        published.bind(f"tcp://{in_url(self._address)}:*")
         self.port = _port(answers)
         self.starts_total += 1
         self._work = [
