@@ -130,6 +130,45 @@ def test_quality_falls_step_by_step(ladder):
     assert all(one > other for one, other in pairwise(means)), means
 
 
+@pytest.mark.parametrize("per_min", [8.0, 12.0, 18.0])
+def test_a_chest_is_no_skin(per_min):
+    """A belt on the EDA input, in for 0.4 of a breath and out: from 40 s on no quality of 0.7, and the reason."""
+    phase = TIMES_S * per_min / 60 % 1
+    chest = np.where(phase < 0.4, -np.cos(np.pi * phase / 0.4), np.cos(np.pi * (phase - 0.4) / 0.6))
+    for update in play(6 + 0.4 * chest + np.random.default_rng(1).normal(0, 0.002, len(chest)), FS_HZ)[40:]:
+        assert update.signal_quality < 0.7
+        assert any("as evenly as breaths" in reason for reason in update.reasons)
+
+
+@pytest.mark.parametrize("every_s", [4.0, 6.0])
+def test_responses_as_even_as_breaths_are_skin(every_s):
+    """Skin that answers a picture every few seconds is in no doubt: it rises faster than it falls."""
+    onsets_s = np.arange(5.0, 85.0, every_s)
+    samples = skin(SECONDS, FS_HZ, onsets_s, np.full(len(onsets_s), 0.4))
+    updates = play(samples + np.random.default_rng(1).normal(0, 0.002, len(samples)), FS_HZ)[20:]
+    assert min(update.signal_quality for update in updates) > 0.9
+
+
+@pytest.mark.parametrize("fs_hz", [8.0, 128.0])
+@pytest.mark.parametrize("kind", ["frames", "held"])
+def test_short_losses_lower_the_quality(kind, fs_hz):
+    """A tenth and a third of the quarter seconds that never came; a value held for 0.2 of the time, then 0.4."""
+    n = round(120 * fs_hz)
+    clean = skin(120, fs_hz, np.arange(8.0, 110.0, 13.0), np.full(8, 0.5)) + np.random.default_rng(2).normal(
+        0, 0.002, n
+    )
+    means = []
+    for share in (0.0, 0.2, 0.4):
+        samples, frames = clean.copy(), np.arange(0, 120, 0.25)
+        for begin_s in np.arange(4.0, 110.0, 8.0) if kind == "held" and share else ():
+            samples[round(begin_s * fs_hz) : round((begin_s + 8 * share) * fs_hz)] = samples[round(begin_s * fs_hz)]
+        lost = frames[np.random.default_rng(1).random(480) < share] if kind == "frames" else ()
+        updates = play(samples, fs_hz, lost=[(at_s, at_s + 0.25) for at_s in lost])[60:]
+        means.append(np.mean([update.signal_quality for update in updates]))
+    assert means[0] > 0.95
+    assert means[0] - 0.1 > means[1] > means[2] + 0.1, means
+
+
 @pytest.mark.parametrize("sd_us", [0.02, 0.2, 2.0])
 def test_noise_is_no_response(sd_us):
     """White noise on a steady level gives no response, however strong."""

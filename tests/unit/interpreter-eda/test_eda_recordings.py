@@ -61,6 +61,15 @@ def test_pictures_are_answered(shared_data):
     assert not wandering(updates)
 
 
+def test_a_belt_is_no_skin(shared_data):
+    """A real belt as if it were 6 uS: most updates say that responses come as evenly as breaths, few are sure."""
+    path = shared_data / "multimodal" / "neurokit" / "bio_eventrelated_100hz.csv"
+    chest = np.genfromtxt(path, delimiter=",", names=True)["RSP"]
+    updates = play(6 + 0.4 * (chest - chest.mean()) / chest.std(), 100.0)[30:]
+    assert np.mean(["as evenly as breaths" in " ".join(update.reasons) for update in updates]) > 0.6
+    assert np.mean([update.signal_quality >= 0.7 for update in updates]) < 0.4
+
+
 def test_physiokit_p11_is_skin_and_p12_is_flat(shared_data):
     """P11 has responses, its great ones among them; P12 is told to be flat once half a minute has been seen."""
     p11 = physiokit(shared_data, "P11_baseline_1675943915_070305")

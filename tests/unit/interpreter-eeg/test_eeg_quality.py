@@ -78,6 +78,27 @@ def test_bad_channels_are_named_and_the_others_go_on():
     assert last.signal_quality == pytest.approx(0.75 * before.signal_quality, abs=0.02)
 
 
+@pytest.mark.parametrize("one_sided", [False, True])
+def test_a_channel_that_an_unknown_range_cuts_is_told(one_sided):
+    """Cut at a quarter of its height the alpha of a channel is too small: bad, with the cause; the other is whole."""
+    samples = brain(SECONDS, FS_HZ, 2)
+    end = 0.5 * np.abs(samples[:, 0]).max()
+    before = play(samples, FS_HZ, ["Cz", "Pz"])[-1]
+    samples[:, 0] = np.clip(2 * samples[:, 0], -1e9 if one_sided else -end, end)
+    last = play(samples, FS_HZ, ["Cz", "Pz"])[-1]
+    assert "bad channels (saturated): Cz" in last.reasons
+    assert np.isnan(last.alpha_uv2[0])
+    assert last.alpha_uv2[1] == pytest.approx(before.alpha_uv2[1])
+
+
+@pytest.mark.parametrize("step_uv", [0.5, 4.0, 10.0])
+def test_a_coarse_converter_cuts_nothing(step_uv):
+    """EEG in steps of 0.5 to 10 uV: never called saturated."""
+    samples = step_uv * np.round(brain(SECONDS, FS_HZ, 4) / step_uv)
+    updates = play(samples, FS_HZ, CAP[:4])
+    assert not any("saturated" in reason for update in updates for reason in update.reasons)
+
+
 def test_what_all_electrodes_show_alike_is_no_eeg():
     """Twelve electrodes in one bath: bad, with the reason; electrodes that share nine tenths of their power are not."""
     own = brain(SECONDS, FS_HZ, len(CAP))

@@ -326,3 +326,27 @@ def test_a_coarse_belt_that_is_held_still_holds_nothing():
     updates = play(chest)
     assert len(breaths_s(updates)) == pytest.approx(23, abs=1)
     np.testing.assert_allclose([update.breaths_per_min for update in updates[30:]], 12.0, atol=0.3)
+
+
+@pytest.mark.parametrize("fs_hz", [10.0, 25.0, 130.0])
+def test_values_that_are_held_again_and_again_are_no_breathing(fs_hz):
+    """Every 7 s the device repeats its last value for 2.1 s, also at the moment of an update: every rate is 14."""
+    times_s = np.arange(round(SECONDS * fs_hz)) / fs_hz
+    samples = np.sin(2 * np.pi * 14 / 60 * times_s) + np.random.default_rng(8).normal(0, 0.02, len(times_s))
+    for begin_s in np.arange(5.0, SECONDS - 3, 7.0):
+        samples[round(begin_s * fs_hz) : round((begin_s + 2.1) * fs_hz)] = samples[round(begin_s * fs_hz)]
+    updates = play(samples, fs_hz)[30:]
+    rates = np.array([update.breaths_per_min for update in updates])
+    np.testing.assert_allclose(rates[np.isfinite(rates)], 14.0, atol=0.3)
+    assert any("without a hole" in reason for update in updates for reason in update.reasons)
+
+
+def test_short_losses_lower_the_quality():
+    """Of the quarter seconds a tenth, then a fifth never came: the rate is as it was, quality falls with each step."""
+    means = []
+    for share in (0.0, 0.1, 0.2):
+        lost = np.arange(0, SECONDS, 0.25)[np.random.default_rng(1).random(4 * SECONDS) < share]
+        updates = play(CLEAN, lost=[(at_s, at_s + 0.25) for at_s in lost])[30:]
+        assert np.nanmax(np.abs([update.breaths_per_min - 15.0 for update in updates])) < 0.3
+        means.append(np.nanmean([update.signal_quality for update in updates]))
+    assert means[0] - 0.05 > means[1] > means[2] + 0.05, means

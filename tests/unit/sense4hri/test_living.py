@@ -1,6 +1,7 @@
 """sense4hri.living: what is no signal is found, however the samples are cut."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sense4hri.living import Living, frozen
@@ -61,3 +62,12 @@ def test_what_is_frozen_is_told_from_rest():
     assert not frozen(noise, 40).any()
     assert not frozen(np.round(noise), 20).any()
     assert not frozen(np.where(np.arange(200)[:, None] < 180, 1.0, noise), 20).any()
+
+
+@pytest.mark.parametrize("cut", [slice(0, 195), slice(55, 200)], ids=["goes on", "cut off"])
+def test_what_is_seen_of_a_run_at_an_end_is_no_resolution(cut):
+    """A run of 30 of which 5 are seen yet, or still, takes nothing from what is known of the one of 40."""
+    noise = np.random.default_rng(1).normal(size=(200, 1))
+    noise[30:60], noise[90:130], noise[190:] = 1.0, 2.0, 3.0
+    told = np.flatnonzero(frozen(noise[cut], 20)) + cut.start
+    assert set(range(90, 130)) <= set(told.tolist()) <= {*range(30, 60), *range(90, 130)}

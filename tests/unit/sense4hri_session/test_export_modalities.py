@@ -30,6 +30,13 @@ CHANNELS = {
     "eda": ("eda",),
 }
 
+EXTRAS = {
+    "EDA": {"scr_threshold": "least amplitude", "of_a_lab": "without a field"},
+    "EEG": {"relative_alpha": "share of the band", "alpha_asymmetry_F4_F3": "ln of the left"},
+    "EyeTracking": {"dwell_cup": "area of interest"},
+    "Respiration": {"source_ecg_h10_1": "computed from"},
+}
+
 
 def stamp(ns):
     return {"sec": ns // SECOND, "nanosec": ns % SECOND}
@@ -51,7 +58,9 @@ def out(new_study):
             study.raw(f"p1/{kind}/{kind}_1", received_ns, device_ns, samples)
     for modality in (each for each in MODALITIES.values() if each.message):
         topic = f"/humans/physiological/p1/{modality.sensor_type}/{modality.sensor_type}_1/features"
-        study.add(topic, modality.message, START_NS + SECOND, header=header(START_NS), device_timestamp=stamp(SECOND))
+        now = {"header": header(START_NS), "device_timestamp": stamp(SECOND)}
+        extra = [{"name": name, "unit": "s", "values": [1.0]} for name in EXTRAS.get(modality.message, ())]
+        study.add(topic, modality.message, START_NS + SECOND, **now, extra=extra)
     about = [
         study.sensor(f"p1/{kind}/{kind}_1", float(rate_hz), MODALITIES[kind].units[0], list(CHANNELS[kind]), 16)
         for kind, rate_hz in RATES_HZ.items()
@@ -213,3 +222,11 @@ def test_the_codebook_explains_every_feature(out):
         name = f"p1_{modality.sensor_type}_{modality.sensor_type}_1_features"
         columns = pd.read_csv(out / "csv" / f"{name}.csv", nrows=0).columns
         assert [column for column in columns if not rows[name, column]] == [], name
+
+
+def test_the_codebook_explains_what_has_no_field_of_its_own(out):
+    """Names in `extra` that interpreters here give have a sentence of their own, with the unit that was told."""
+    book = pd.read_csv(out / "codebook.csv", keep_default_na=False).set_index("column")
+    for name, words in (pair for extras in EXTRAS.values() for pair in extras.items()):
+        assert words in book.loc[f"extra_{name}", "description"], name
+        assert book.loc[f"extra_{name}", "unit"] == "s"

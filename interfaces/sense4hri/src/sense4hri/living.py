@@ -50,6 +50,7 @@ def frozen(values: Floats, longest: int) -> NDArray[np.bool_]:
     """Return which of the values, shape (n, channels), are in a run of more than `longest` equal ones in all channels.
 
     For signals that may rest: none where shorter runs come as well, or hardly anything else, as of a coarse resolution.
+    A run at either end may be the part of a longer one that is seen: while short it says nothing of the resolution.
     """
     alike = np.isclose(values[1:], values[:-1], rtol=ROUNDED, atol=0.0).all(axis=1)
     same = np.concatenate([[False], alike, [False]])
@@ -58,7 +59,8 @@ def frozen(values: Floats, longest: int) -> NDArray[np.bool_]:
     out = np.zeros(len(values), bool)
     for first, last in edges[longer].tolist():
         out[first : last + 1] = True
-    by_chance, alive = int(np.diff(edges[~longer], axis=1).sum()), np.count_nonzero(~out)
+    whole = (edges[:, 0] > 0) & (edges[:, 1] < len(values) - 1)
+    by_chance, alive = int(np.diff(edges[~longer & whole], axis=1).sum()), np.count_nonzero(~out)
     return out & (by_chance <= RARE * alive) & (alive > ALIVE * len(out))
 
 

@@ -9,11 +9,14 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import pandas as pd
+from sense4hri import extras
+from sense4hri_recording.reader import Topic
 
 from sense4hri_session import definitions
 from sense4hri_session.definitions import About
 from sense4hri_session.session import Session
 from sense4hri_session.stream import Stream
+from sense4hri_session.tables import EXTRA
 
 CLOCK = {
     "time_s": ("s", "ROS time, corrected", "seconds from the first message of the recording"),
@@ -80,8 +83,18 @@ def _columns(session: Session, exported: list[Exported]) -> Iterator[tuple[str, 
 
 
 def _explained(session: Session, item: Exported) -> dict[str, About]:
-    known = [session.reader.topics[topic] for topic in item.topics if topic in session.reader.topics]
-    return definitions.columns(known[0].definition, known[0].type_name) if known else {}
+    known = _topic(session, item)
+    return definitions.columns(known.definition, known.type_name) if known else {}
+
+
+def _message(session: Session, item: Exported) -> str:
+    """The name of the message that a table was made of."""
+    known = _topic(session, item)
+    return known.type_name.split("/")[-1] if known else ""
+
+
+def _topic(session: Session, item: Exported) -> Topic | None:
+    return next((session.reader.topics[topic] for topic in item.topics if topic in session.reader.topics), None)
 
 
 def _about(
@@ -95,9 +108,9 @@ def _about(
     if own is None or column in ("frame_id", "device_time_ns"):
         if column in CLOCK:
             return CLOCK[column]
-        if column.startswith("extra_"):
+        if column.startswith(EXTRA):
             told = {unit for topic in item.topics for unit in session.extra_units.get((topic, column), ())}
-            return " or ".join(sorted(told)), "", "a value without a field of its own"
+            return " or ".join(sorted(told)), "", extras.about(_message(session, item), column.removeprefix(EXTRA))
         return "ns" if column.endswith("_ns") else "", "", column.replace("_", " ")
     clock = "ROS time, corrected" if column.endswith("_timestamps") else ""
     return own.unit, clock, own.text or column.replace("_", " ")

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
+from sense4hri.living import frozen
 from sense4hri.motion import Motion
 from sense4hri.resolution import least_step
 from sense4hri.slow import GRID_HZ, Slow, newest_run, smoothed
@@ -16,7 +17,7 @@ from sense4hri.stream_info import StreamInfo
 
 from interpreter_eda import features
 from interpreter_eda.config import Config
-from interpreter_eda.wander import DOUBT, wanders
+from interpreter_eda.wander import DOUBT, breathes, wanders
 
 FS_HZ = (2.0, 8000.0)
 OHMS = ("ohm", "\u03c9")  # in units of resistance, in small letters
@@ -84,7 +85,7 @@ class EdaStream:
         self._column = names.index("eda") if "eda" in names else 0
         self._scale = 1.0 if info.unit == "uS" else np.nan  # what makes amplitudes of the channel microsiemens
         self._period_s = 1 / fs_hz if fs_hz else 0.0
-        self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S)
+        self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S, filled=True)
         self._slow, self._motion = Slow(1, BRIDGED_S), Motion()
         self._restart()
 
@@ -101,6 +102,7 @@ class EdaStream:
         self._raw, self._spread, self._tonic = np.empty(0), np.empty(0), np.empty(0)
         self._times_ns, self._withheld = np.empty(0, np.int64), np.empty(0, bool)  # withheld: of these nothing was told
         self._sample, self._steps = np.empty((0, 1)), np.empty(0)  # the newest; least step of each block of the window
+        self._came = np.empty((0, 2), int)  # samples with a number, and all, of each block of the window
         self._skin_ns = -(2**62)  # the last sample of skin
         self._loose_us = np.nan  # what an electrode that hangs loose shows
         self._responses: list[Response] = []
@@ -127,6 +129,8 @@ class EdaStream:
         samples = samples[:, None]
         blocks = round(self._config.window_s / self._config.update_interval_s)
         self._steps = np.append(self._steps, least_step(np.concatenate([self._sample, samples])))[-blocks:]
+        number = np.count_nonzero(np.isfinite(block.samples[:, self._column]))
+        self._came = np.concatenate([self._came, [[number, len(samples)]]])[-blocks:]
         self._sample = samples[-1:] if len(samples) else self._sample
         points = self._slow.push(samples, block.times_ns)
         raw = points.values[:, 0]
@@ -177,33 +181,36 @@ class EdaStream:
         self._responses = [each for each in self._responses if each.peak_ns > start_ns]
         tonic, trend = self._tonic[here], features.trend_per_min(self._tonic[here])
         noise = float(np.nanmax([_median(self._spread[here]), ripple]))
-        told_of = np.count_nonzero(np.isfinite(raw) & ~self._withheld[here])
-        filled = told_of / max(1.0, window_s * GRID_HZ - 1)
+        held = frozen(self._raw[:, None], round(BRIDGED_S * GRID_HZ))
+        told = np.isfinite(raw) & ~self._withheld[here]
+        told_of, moving = np.count_nonzero(told), np.count_nonzero(told & ~held[here])
+        came, due = self._came.sum(axis=0)
+        filled = min(1.0, moving / max(1.0, window_s * GRID_HZ - 1), came / max(1, due))
         held_s = min(window_s, told_of / GRID_HZ + BRIDGED_S)  # the newest points of a slow sensor are to come
         jumped = features.jumps(known, self._scale == 1)
         doubts = 1 + self._motion.at(block.received_ns, self._config.window_s).strength
-        quality = features.quality(_median(tonic), noise, jumped, trend, min(1.0, filled)) ** doubts
-        wander = bool(self._responses) and wanders(raw[newest_run(raw) :])
+        quality = features.quality(_median(tonic), noise, jumped, trend, filled) ** doubts
+        doubt = self._doubt(raw[newest_run(raw) :]) if self._responses else ""
         enough = held_s >= NEEDS_S
-        scale, told = self._scale, self._responses
+        scale, found = self._scale, self._responses
         return EdaUpdate(
             device_ns=block.device_ns,
             received_ns=block.received_ns,
             window_s=window_s,
             tonic_us=scale * _mean(tonic),
             tonic_slope_us_per_min=scale * trend,
-            scr_count=len(told),
-            scr_rate_per_min=60 * len(told) / held_s if enough else np.nan,
-            scr_amplitude_us=scale * _mean(np.array([each.amplitude for each in told])),
-            scr_rise_time_s=_mean(np.array([each.rise_time_s for each in told])),
-            scr_half_recovery_s=_mean(np.array([each.half_recovery_s for each in told])),
+            scr_count=len(found),
+            scr_rate_per_min=60 * len(found) / held_s if enough else np.nan,
+            scr_amplitude_us=scale * _mean(np.array([each.amplitude for each in found])),
+            scr_rise_time_s=_mean(np.array([each.rise_time_s for each in found])),
+            scr_half_recovery_s=_mean(np.array([each.half_recovery_s for each in found])),
             phasic_auc_us_s=scale * float(np.nansum(raw - tonic)) / GRID_HZ,
             scr_onset_timestamps=tuple(each.onset_ns for each in fresh),
             scr_peak_timestamps=tuple(each.peak_ns for each in fresh),
             scr_amplitudes_us=tuple(scale * each.amplitude for each in fresh),
-            signal_quality=quality * DOUBT if wander else quality,
+            signal_quality=quality * DOUBT if doubt else quality,
             extra=self._extra(scale * least, scale * tonic[-1]),
-            reasons=tuple(self._reasons(enough, jumped, least, wander)),
+            reasons=tuple(self._reasons(enough, jumped, least, doubt)),
         )
 
     def _found(self, least: float, whole: bool) -> list[Response]:
@@ -257,6 +264,13 @@ class EdaStream:
             return "eda shows the heart's pulse: not skin conductance, or a loose electrode over an artery"
         return ""
 
+    @staticmethod
+    def _doubt(raw: Floats) -> str:
+        """Why the responses of this stretch are no skin's; empty where they may be."""
+        if wanders(raw):
+            return "falls are as steep as rises, nothing is smooth"
+        return "falls are as steep as rises and come as evenly as breaths" if breathes(raw) else ""
+
     def _railed(self, raw: Floats) -> NDArray[np.bool_]:
         """Which points are at an end of the range."""
         low, high = self._info.range_min, self._info.range_max
@@ -266,7 +280,7 @@ class EdaStream:
     def _extra(self, threshold_us: float, now_us: float) -> tuple[Feature, ...]:
         return Feature("scr_threshold", "uS", (threshold_us,)), Feature("tonic_now", "uS", (float(now_us),))
 
-    def _reasons(self, enough: bool, jumped: float, least: float, wander: bool) -> list[str]:
+    def _reasons(self, enough: bool, jumped: float, least: float, doubt: str) -> list[str]:
         reasons = []
         if not self._responses:
             reasons.append("no response in the window: scr_amplitude_us, scr_rise_time_s, scr_half_recovery_s")
@@ -278,8 +292,8 @@ class EdaStream:
             reasons.append(f"scr_rate_per_min, tonic_slope_us_per_min need {NEEDS_S:g} s")
         if jumped:
             reasons.append(f"jumps faster than skin: {100 * jumped:.0f} % of the window is doubtful")
-        if wander:
-            reasons.append("falls are as steep as rises, nothing is smooth: no skin does that, responses are doubtful")
+        if doubt:
+            reasons.append(f"{doubt}: no skin does that, responses are doubtful")
         if self._scale == 1 and least > self._config.scr_threshold_us:
             reasons.append(f"noise or resolution: responses below {least:.2g} uS are not told from it")
         if np.isnan(self._scale):

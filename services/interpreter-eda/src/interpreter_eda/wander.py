@@ -1,8 +1,8 @@
-"""Whether a channel only wanders, as a random walk does and no skin. Stateless; arrays are on the grid of 10 Hz.
+"""Whether a channel only wanders, as a random walk does, or breathes, and is no skin. Stateless; on the grid of 10 Hz.
 
 Sweat fills a duct fast and leaves it slowly, so the steep changes of skin have one sign, and within a second they are
 smooth. The steps of a walk know nothing of each other: the power of its changes grows as the time between them does,
-and they fall as steeply as they rise.
+and they fall as steeply as they rise. So does what a chest moves, again and again after the same time.
 """
 
 import numpy as np
@@ -13,6 +13,7 @@ SHORT_S = 0.5  # changes over this and over twice this are compared
 GROWS = (1.6, 2.6)  # power of the longer over that of the shorter changes: noise 1, a walk 2, skin 3 to 4
 ALIKE = 0.7  # skewness of changes: below it falls are like rises; skin has 1.4 to 5, of either sign by the amplifier
 NEEDS_S = 15.0  # of signal without a hole
+BREATHS_S, BREATH_S, EVENLY = 30.0, (2.0, 8.0), 0.4  # looked at; period; autocorrelation of changes after one and two
 DOUBT = 0.5  # by which the quality is multiplied
 
 Floats = NDArray[np.float64]
@@ -28,6 +29,20 @@ def wanders(raw: Floats) -> bool:
         return False
     grows = float(long @ long) / len(long) / power
     return GROWS[0] < grows < GROWS[1] and abs(_skewness(short)) < ALIKE
+
+
+def breathes(raw: Floats) -> bool:
+    """Return whether the newest of raw, shape (n,) without NaN, rises and falls alike and evenly, as a chest does."""
+    changes = _changes(raw[-round(BREATHS_S * GRID_HZ) :], SHORT_S)
+    first, last = (round(period_s * GRID_HZ) for period_s in BREATH_S)
+    if len(raw) < BREATHS_S * GRID_HZ or not changes.any() or abs(_skewness(changes)) >= ALIKE:
+        return False
+    changes = changes - changes.mean()
+    alike = np.array([np.mean(changes[lag:] * changes[: len(changes) - lag]) for lag in range(2 * last + 2)])
+    alike /= max(float(alike[0]), 1e-300)
+    period = first + int(np.argmax(alike[first : last + 1]))
+    again = float(alike[2 * period - 1 : 2 * period + 2].max())
+    return min(float(alike[period]), again) > EVENLY and float(alike[:period].min()) < 0
 
 
 def _changes(raw: Floats, over_s: float) -> Floats:

@@ -14,6 +14,8 @@ from interpreter_eeg.montage import FOREHEAD, Montage
 FLAT_UV = 0.5  # peak to peak, in a segment: less is no EEG
 LARGE_UV = 1000.0  # rms of the bands, in a segment: more is no EEG, and of a whole window it is another unit
 GREATEST = 1e12  # in whatever unit; more is no measurement, and its square would be no number
+AT_OWN_END = 0.1  # likewise where no range is known: fewer hardly change a power
+PILED = 3  # times as many samples as at the value beside it
 AT_RAIL = 0.02  # share of the samples at an end of the range
 MISSING, LONGEST_MISSING_S = 0.1, 0.15  # share of a segment, and length, up to which missing samples are drawn through
 JUMP_S, AROUND_S, JUMP, JUMP_NOISES, JUMP_SPREADS, JUMP_UV = 0.016, 0.1, 0.6, 10.0, 3.0, 40.0
@@ -59,10 +61,20 @@ def flat(segment: Floats, floor: float | Floats) -> Bools:
 
 
 def saturated(segment: Floats, low: float, high: float) -> Bools:
-    """Return which channels lie at an end of the range; none where the range is not known."""
+    """Return which channels lie at an end of the range; where it is not known, at values of their own that cut them."""
+    ends = np.array([low, high]) if low < high else np.array([segment.min(axis=0), segment.max(axis=0)])
+    least = AT_RAIL if low < high else AT_OWN_END
+    railed = np.asarray(((segment <= ends[0]) | (segment >= ends[1])).mean(axis=0) > least)
     if not low < high:
-        return np.zeros(segment.shape[1], bool)
-    return np.asarray(((segment <= low) | (segment >= high)).mean(axis=0) > AT_RAIL)
+        for column in np.flatnonzero(railed):
+            railed[column] = _is_cut(segment[:, column])
+    return railed
+
+
+def _is_cut(values: Floats) -> bool:
+    """Whether values pile up at the least or the greatest of them; those of a coarse converter grow rarer there."""
+    counts = np.unique(values, return_counts=True)[1]
+    return len(counts) > 2 and bool(counts[0] > PILED * counts[1] or counts[-1] > PILED * counts[-2])
 
 
 def pops(segment: Floats, fs_hz: float, floor: float) -> list[Floats]:

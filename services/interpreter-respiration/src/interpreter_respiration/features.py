@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from sense4hri.medians import median
-from sense4hri.slow import GRID_HZ, smoothed
+from sense4hri.slow import GRID_HZ, runs, smoothed
 from sense4hri.windows import windows
 
 SMOOTH_S, WANDER_S = 0.3, 2.0  # what is faster than breathing, and what is slower
@@ -29,6 +29,7 @@ LONG, MOSTLY = 1.5, 0.75  # times the usual period where a breath may be missing
 PERIODS = (1.0, 4.0)  # so many fit into the window: quality 0 and 1; that two are alike happens by chance
 BOTTOM = 0.1  # of its height: noise in a pause before an inspiration stays below
 STEADY = 3.0  # spreads of a sample: a belt that moves less is not worn
+SAME = 1e-9  # share by which means of one value may differ
 AT_RAIL = 0.02  # of the range: so near an end of it a belt is saturated
 
 Floats = NDArray[np.float64]
@@ -177,6 +178,18 @@ def clipped(raw: Floats, low: float, high: float) -> float:
     least = 1e-6 * float(np.ptp(raw))
     ends = (raw >= raw.max() - least) | (raw <= raw.min() + least)
     return float(np.mean(ends[1:] & ends[:-1]))
+
+
+def returning(values: Floats, held: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which of the points that are held, shape (n,), are so at a value that is returned to: an end of a range.
+
+    values: shape (n, columns). A device that repeats its last value repeats another one each time.
+    """
+    out, stretches = np.zeros(len(held), bool), runs(np.where(held, 0.0, np.nan))
+    levels = values[np.array([stretch.start for stretch in stretches], int)]
+    for stretch, level in zip(stretches, levels, strict=True):
+        out[stretch] = np.isclose(levels, level, rtol=SAME, atol=0.0).all(axis=1).sum() > 1
+    return out
 
 
 def is_still(raw: Floats, spread: float) -> bool:

@@ -70,7 +70,7 @@ class RespirationStream:
         self._columns = [names.index("respiration") if "respiration" in names else 0]
         if self._tilt:
             self._columns = _axes(info)
-        self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S)
+        self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S, filled=True)
         self._slow, self._lasting = Slow(len(self._columns), BRIDGED_S), Lasting(LASTING_QUALITY, at_once=True)
         self._restart()
 
@@ -84,16 +84,22 @@ class RespirationStream:
         self._grid = np.empty((0, len(self._columns)))
         self._values = self._grid  # without what is held
         self._spread, self._times_ns = np.empty(0), np.empty(0, np.int64)
+        self._came = np.empty((0, 2), int)  # samples with a number, and all, of each block of the window
         self._told: list[Told] = []
         self._told_ns = -(2**62)  # the last breath that was told, or withheld
 
     def _interpret(self, block: Block) -> list[RespirationUpdate]:
         if block.begins:
             self._restart()
-        points = self._slow.push(block.samples[:, self._columns], block.times_ns)
+        samples = block.samples[:, self._columns]
+        points = self._slow.push(samples, block.times_ns)
+        blocks = round(self._config.window_s / self._config.update_interval_s)
+        number = np.count_nonzero(np.isfinite(samples).all(axis=1))
+        self._came = np.concatenate([self._came, [[number, len(samples)]]])[-blocks:]
         kept = slice(-round((max(self._config.window_s, LOOK_S) + SETTLED_S) * GRID_HZ), None)
         self._grid = np.concatenate([self._grid, points.values])[kept]
         held = frozen(self._grid, round(BRIDGED_S * GRID_HZ))
+        held &= ~features.returning(self._grid, held)
         self._values = np.where(held[:, None], np.nan, self._grid)
         self._spread = np.append(self._spread, points.spread)[kept]
         self._times_ns = np.append(self._times_ns, points.times_ns)[kept]
@@ -248,7 +254,8 @@ class RespirationStream:
         wanders = features.rise(features.wander(raw, seen.period_s), features.WANDERS)
         if wanders > 0.3:
             notes.append(f"{self._what} wanders from breath to breath as far as a breath is high: drift, or none")
-        filled = min(1.0, len(raw) / max(1.0, window_s * GRID_HZ - 2))
+        came, due = self._came.sum(axis=0)
+        filled = min(1.0, len(raw) / max(1.0, window_s * GRID_HZ - 2), came / max(1, due))
         quality = features.rise(features.clean_share(raw, seen.spread), features.NOISE_RATIO)
         quality *= features.rhythm(raw, seen.likeness) * (1 - steps)
         quality *= filled * (1 - clipped) ** 2 * (1 - min(1.0, moved / features.OUTLYING_MOST))
