@@ -138,7 +138,7 @@ class Http:
         return _text(503, "not ready: " + "; ".join(missing)) if missing else _text(200, "ready")
 
     def _guarded(self, method: str, path: str, asked: Asked, body: bytes) -> Answer:
-        """Answer on a route whoever may ask it; a stranger does not even learn which routes there are."""
+        """Answer on a route whoever may ask it; another site's page does not even learn which there are."""
         if (stranger := self._access.stranger(asked)) is not None:
             return refusal(*stranger)
         if not self._all_served.wait(SET_UP_S):
