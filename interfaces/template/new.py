@@ -176,6 +176,8 @@ def enter(words: dict[str, str]) -> None:
     """Give the service its entry in compose.yaml and its row in the status table."""
     compose, table = ROOT / "compose" / "compose.yaml", ROOT / "services" / "README.md"
     before, mark, after = compose.read_text().rpartition("  prometheus:\n")
+    if not mark:
+        raise SystemExit(f"{compose}: no line 'prometheus:' to put {words['name']} before")
     compose.write_text(f"{before}{compose_entry(words['name'], words.get('bluetooth') == 'yes')}\n{mark}{after}")
     rows = table.read_text().splitlines(keepends=True)
     last = max(i for i, line in enumerate(rows) if line.startswith("| "))

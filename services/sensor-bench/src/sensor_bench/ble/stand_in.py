@@ -13,9 +13,10 @@ from typing import Any
 from bumble.att import ATT_Error
 from bumble.core import BaseBumbleError
 from bumble.device import Device
-from dbus_fast import BusType, Message, MessageType
+from dbus_fast import Message, MessageType
 from dbus_fast.aio import MessageBus
 
+from sensor_bench.ble import patient_bus
 from sensor_bench.ble.adapter import DEVICE_TIMEOUT_S, Adapter
 from sensor_bench.ble.gatt_calls import GattCalls
 from sensor_bench.ble.links import Links
@@ -93,8 +94,7 @@ class BluezStandIn:
         await self._connect()
 
     async def _connect(self) -> None:
-        bus = MessageBus(bus_address=self._bus_address, bus_type=BusType.SYSTEM, negotiate_unix_fd=True)
-        self._bus = await bus.connect()
+        self._bus = await patient_bus.connect(self._bus_address)
         self._bus.add_message_handler(self._on_message)
         rule = "type='signal',sender='org.freedesktop.DBus',member='NameOwnerChanged'"
         await self._bus.call(
