@@ -6,7 +6,7 @@ import subprocess
 import sys
 from contextlib import suppress
 from pathlib import Path
-from types import SimpleNamespace
+from types import MethodType, SimpleNamespace
 
 import pytest
 from check_driver import probes
@@ -15,6 +15,7 @@ from check_driver.heard import Heard
 from check_driver.parameters import ask
 from check_driver.probes import Probes
 from rcl_interfaces.srv import GetParameters
+from sense4hri.line import Line
 from sense4hri.names import StreamName
 from sense4hri_msgs.msg import StreamHealth
 
@@ -193,6 +194,7 @@ def test_an_answer_that_is_lost_is_asked_for_once_more(lost, told):
     client = SimpleNamespace(service_is_ready=lambda: True, call_async=lambda _request: next(futures))
     gone = []
     node = SimpleNamespace(create_client=lambda _kind, _name: client, destroy_client=gone.append)
-    line = SimpleNamespace(node=node, until=lambda condition, _seconds: condition())
+    line = SimpleNamespace(node=node, until=lambda condition, _seconds: condition(), _to="driver")
+    line.answer = MethodType(Line.answer, line)
     assert ask(line, GetParameters, "/driver_belt", "get_parameters", GetParameters.Request()) == told
     assert gone == [client]

@@ -12,7 +12,6 @@ from driver_shimmer.protocol import Layout
 from driver_shimmer.session import Prepared
 from plugged import plugged, wakes_per_message
 from pure_link import PureLink
-from sense4hri.arrivals import Silence
 from sense4hri.device import Identity, Noted, Reported, Samples, Status
 from sense4hri.errors import ConfigError
 from sense4hri.serial_port import linked
@@ -108,7 +107,7 @@ def test_a_host_clock_that_is_set_back_holds_nothing_up(made):
     prepared = Prepared(Identity(), 0.0, layout, {}, (), ())
     found = iter([Packet(60 * SECOND_NS, 640, bytes(layout.length)), Packet(0, 1280, bytes(layout.length))])
     device = made(PureLink(None), streams=("eda",))
-    items = list(device.items(found, prepared, Silence(["packet"], 3.0)))
+    items = list(device.items(found, prepared))
     assert sum(isinstance(each, Samples) for each in items) == 1
 
 

@@ -165,6 +165,31 @@ class Blocks:
         return any(awaited)
 
 
+class Presence:
+    """How much of a window came, by the number of samples: a filter that bridges short losses does not show them.
+
+    blocks: of the window, so many.
+    """
+
+    def __init__(self, blocks: int) -> None:
+        self._blocks = blocks
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget what was before."""
+        self._counts = np.empty((0, 2), int)  # samples with a number, and all, of each block
+
+    def add(self, samples: NDArray[np.float64]) -> None:
+        """Take the samples of a block, shape (n, channels), NaN where one is missing."""
+        number = np.count_nonzero(np.isfinite(samples).all(axis=1))
+        self._counts = np.concatenate([self._counts, [[number, len(samples)]]])[-self._blocks :]
+
+    def share(self) -> float:
+        """Return the share of samples that are a number, 0 before the first."""
+        came, due = self._counts.sum(axis=0)
+        return float(came / max(1, due))
+
+
 class _Beside:
     """The samples of one stream beside another that no block has taken yet."""
 

@@ -60,15 +60,26 @@ class Line:
             self._interrupted = False
             raise KeyboardInterrupt
 
-    def ask(self, kind: type, name: str, request: Any, answer_s: float = ANSWER_S) -> Any:
+    def ask(self, kind: Any, name: str, request: Any, answer_s: float = ANSWER_S) -> Any:
         """Return the answer of a ROS service; ends the program with a sentence where none comes."""
+        try:
+            return self.answer(kind, name, request, answer_s)
+        except TimeoutError as err:
+            sys.exit(str(err))
+
+    def answer(self, kind: Any, name: str, request: Any, answer_s: float = ANSWER_S, tries: int = 1) -> Any:
+        """Return the answer of a ROS service. Raises TimeoutError where none comes, answer_s being for each try."""
         client = self.node.create_client(kind, name)
-        if not self.until(client.service_is_ready, ANSWER_S):
-            sys.exit(f"no {self._to} on ROS domain {os.environ.get('ROS_DOMAIN_ID', '0')}")
-        future = client.call_async(request)
-        if not self.until(future.done, answer_s):
-            sys.exit(f"{self._to} did not answer within {answer_s:.0f} s")
-        return future.result()
+        try:
+            if not self.until(client.service_is_ready, ANSWER_S):
+                raise TimeoutError(f"no {self._to} on ROS domain {os.environ.get('ROS_DOMAIN_ID', '0')}")
+            for _ in range(tries):
+                future = client.call_async(request)
+                if self.until(future.done, answer_s):
+                    return future.result()
+            raise TimeoutError(f"{self._to} did not answer within {answer_s:.0f} s")
+        finally:
+            self.node.destroy_client(client)
 
     def close(self) -> None:
         """Leave the graph."""

@@ -7,7 +7,8 @@
 | `socket://host:port` | TCP: a serial server, ser2net |
 | `rfcomm://AA:BB:CC:DD:EE:FF/1` | Bluetooth Classic, channel 1 unless given; the device has been paired |
 
-`linked` connects and reads, for as long as its context lasts. What goes wrong is DeviceLost and says what to do.
+`linked` connects and reads, for as long as its context lasts; `decoded` hands on what a driver makes of the bytes. What
+goes wrong is DeviceLost and says what to do.
 """
 
 import errno
@@ -20,13 +21,14 @@ import stat
 import termios
 import time
 import tty
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncGenerator, AsyncIterator, Iterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager, contextmanager, suppress
 from glob import glob
 from pathlib import Path
 from typing import Protocol
 
-from sense4hri.arrivals import Arrival, Arrivals, gathered_from_thread, in_thread
+from sense4hri.arrivals import Arrival, Arrivals, Silence, gathered_from_thread, in_thread
+from sense4hri.device import Item, Samples
 from sense4hri.errors import ConfigError, DeviceLost
 
 READ_S = 0.1  # that a read waits at most
@@ -78,6 +80,41 @@ class Port(Protocol):
 
     def write(self, octets: bytes) -> None:
         """Send all of it. Raises DeviceLost."""
+
+
+class Decoder(Protocol):
+    """What makes items of the bytes of one connection, and may let some of them wait for more."""
+
+    @property
+    def missing(self) -> int:
+        """Bytes that complete what waits; as many as a read returns where nothing does."""
+
+    def items(self, arrival: Arrival[bytes]) -> Iterator[Item]:
+        """Yield what is complete."""
+
+    def rest(self) -> Iterator[Item]:
+        """Yield what waits for more, of a device that is gone."""
+
+
+async def decoded(
+    port: Port, arrivals: Arrivals[bytes], decoder: Decoder, silence: Silence, sends: str = "frame"
+) -> AsyncGenerator[Item, None]:
+    """Yield all that a device sends, until the link is lost: what waited for more, and then DeviceLost.
+
+    sends: what silence calls that which comes with samples all the time.
+    """
+    while True:
+        port.enough = decoder.missing
+        try:
+            came = await silence.watch(arrivals.together())
+        except DeviceLost:
+            for item in decoder.rest():
+                yield item
+            raise
+        for arrival in came:
+            for item in decoder.items(arrival):
+                silence.broken_by(sends if isinstance(item, Samples) else "")
+                yield item
 
 
 Linked = AbstractAsyncContextManager[tuple[Port, Arrivals[bytes]]]

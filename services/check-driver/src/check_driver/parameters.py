@@ -12,7 +12,6 @@ from sense4hri.names import StreamName
 from check_driver.findings import Findings
 from check_driver.heard import Heard
 
-ANSWER_S = 5.0
 TRIES = 2  # on a busy machine one answer may be lost, or come late
 TEXT, NUMBER, WHOLE, TEXTS = (
     ParameterType.PARAMETER_STRING,
@@ -44,17 +43,10 @@ FIELDS = {TEXT: "string_value", NUMBER: "double_value", WHOLE: "integer_value", 
 
 def ask(line: Line, kind: Any, node: str, service: str, request: Any) -> Any:
     """Return what a node answers, None where it does not answer in time."""
-    client = line.node.create_client(kind, f"{node}/{service}")
     try:
-        if not line.until(client.service_is_ready, ANSWER_S):
-            return None
-        for _ in range(TRIES):
-            future = client.call_async(request)
-            if line.until(future.done, ANSWER_S):
-                return future.result()
+        return line.answer(kind, f"{node}/{service}", request, tries=TRIES)
+    except TimeoutError:
         return None
-    finally:
-        line.node.destroy_client(client)
 
 
 def check(line: Line, node: str, sampled: list[StreamName], findings: Findings) -> dict[str, Any]:

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from sense4hri.arrivals import Arrival, Silence
 from sense4hri.chunk import Chunk
 from sense4hri.device import MESSAGE_S, Identity, Item, Marked, Samples, Status, Stream
-from sense4hri.errors import DeviceLost, FrameError
+from sense4hri.errors import FrameError
+from sense4hri.serial_port import decoded
 from sense4hri.stamps import SECOND_NS
 
 from driver_bitalino import protocol
@@ -42,18 +43,8 @@ class Bitalino:
             decoder = Decoder(self._config, self._streams)
             silence = Silence(["frame"], SILENCE_S + 2 * protocol.CONFIRM / rate_hz)
             board.port.gather_s = GATHER_S
-            while True:
-                board.port.enough = decoder.missing
-                try:
-                    came = await silence.watch(board.arrivals.together())
-                except DeviceLost:
-                    for item in decoder.rest():
-                        yield item
-                    raise
-                for arrival in came:
-                    for item in decoder.items(arrival):
-                        silence.broken_by("frame" if isinstance(item, Samples) else "")
-                        yield item
+            async for item in decoded(board.port, board.arrivals, decoder, silence):
+                yield item
 
     def _start(self, board: Board) -> None:
         board.port.write(protocol.set_threshold(self._config.battery_threshold))

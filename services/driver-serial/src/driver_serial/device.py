@@ -7,8 +7,9 @@ import numpy as np
 from sense4hri.arrivals import Arrival, Silence
 from sense4hri.chunk import Chunk
 from sense4hri.device import MESSAGE_S, Declared, Identity, Item, Samples, Stream
-from sense4hri.errors import DeviceLost, FrameError
+from sense4hri.errors import FrameError
 from sense4hri.intake import LARGEST
+from sense4hri.serial_port import OCTETS, decoded
 from sense4hri.stamps import LATEST_NS, SECOND_NS
 from sense4hri.unwrap import Unwrap, ticks_ns
 
@@ -41,19 +42,10 @@ class Board:
             yield Declared({name: described.stream(name) for name in described.streams})
             decoder, silence = Decoder(described, self._clock, self._started), silence_of(described)
             self._started = True
-            while True:
-                if decoder.patient:
-                    port.gather_s, port.enough = GATHER_S, decoder.missing
-                try:
-                    came = await silence.watch(arrivals.together())
-                except DeviceLost:
-                    for item in decoder.rest():
-                        yield item
-                    raise
-                for arrival in came:
-                    for item in decoder.items(arrival):
-                        silence.broken_by("frame" if isinstance(item, Samples) else "")
-                        yield item
+            if decoder.patient:
+                port.gather_s = GATHER_S
+            async for item in decoded(port, arrivals, decoder, silence):
+                yield item
 
 
 def silence_of(described: Description) -> Silence:
@@ -216,6 +208,8 @@ class Decoder:
     @property
     def missing(self) -> int:
         """Bytes until the fastest stream has enough for a message, by what a sample of it has taken so far."""
+        if not self.patient:
+            return OCTETS
         octets = self._fed / max(1, self._fastest.taken)
         return max(1, round(self._fastest.missing * octets) - len(self._buffer))
 

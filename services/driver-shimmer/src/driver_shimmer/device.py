@@ -5,10 +5,11 @@ import time
 from collections.abc import AsyncGenerator, Callable, Iterator, Mapping, Sequence
 
 import numpy as np
-from sense4hri.arrivals import Silence
+from sense4hri.arrivals import Arrival, Silence
 from sense4hri.chunk import Chunk
 from sense4hri.device import MESSAGE_S, Feature, Item, Noted, Reported, Samples, Status, Stream
-from sense4hri.errors import DeviceLost, FrameError
+from sense4hri.errors import FrameError
+from sense4hri.serial_port import decoded
 from sense4hri.stamps import SECOND_NS
 from sense4hri.unwrap import Unwrap, ticks_ns
 
@@ -52,42 +53,35 @@ class Shimmer:
             for doubt in prepared.doubts:
                 yield Noted(doubt)
             packets = Packets(prepared.layout.length, self._config.divider)
-            silence, asked_s = Silence(["packet"], SILENCE_S), time.monotonic()
             self._waiting, self._contact = [], math.nan
             async with session.streaming() as begun:
-                for item in self.items(packets.feed(begun, time.time_ns()), prepared, silence):
-                    yield item
                 port.gather_s = GATHER_S
-                while True:
-                    port.enough = packets.missing(self._least - len(self._waiting))
-                    try:
-                        came = await silence.watch(arrivals.together())
-                    except DeviceLost:
-                        for item in self.rest(prepared):
-                            yield item
-                        raise
-                    for received_ns, octets in came:
-                        for item in self.items(packets.feed(octets, received_ns), prepared, silence):
-                            yield item
+                connection = Connection(self, packets, prepared)
+                silence, asked_s = Silence(["packet"], SILENCE_S), time.monotonic()
+                for item in connection.items(Arrival(time.time_ns(), begun)):
+                    yield item
+                async for item in decoded(port, arrivals, connection, silence, "packet"):
+                    yield item
                     if time.monotonic() > asked_s + BATTERY_S:
                         asked_s = time.monotonic()
                         session.ask_battery()
 
-    def items(
-        self, found: Iterator[Packet | Answer | FrameError], prepared: Prepared, silence: Silence
-    ) -> Iterator[Item]:
+    def items(self, found: Iterator[Packet | Answer | FrameError], prepared: Prepared) -> Iterator[Item]:
         """Say what came together: the packets' samples of each sensor, and what stood between them."""
         for each in found:
             match each:
                 case Packet():
                     self._waiting.append(each)
-                    silence.broken_by("packet")
                 case Answer(code=protocol.BATTERY):
                     yield Status(battery_percent=calibration.battery_percent(each.content))
                 case FrameError():
                     yield each
         if self._waiting and (len(self._waiting) >= self._least or self._waited_ns() >= GATHER_S * SECOND_NS):
             yield from self.rest(prepared)
+
+    def wanted(self) -> int:
+        """Return how many packets more make a message."""
+        return self._least - len(self._waiting)
 
     def _waited_ns(self) -> int:
         """Return how long what waits has waited, by a clock that may be set."""
@@ -120,6 +114,26 @@ class Shimmer:
         if contact != self._contact:
             self._contact = contact
             yield Status(contact=contact)
+
+
+class Connection:
+    """The Decoder of one connection: from its bytes to the items of its Shimmer."""
+
+    def __init__(self, shimmer: Shimmer, packets: Packets, prepared: Prepared) -> None:
+        self._shimmer, self._packets, self._prepared = shimmer, packets, prepared
+
+    @property
+    def missing(self) -> int:
+        """Bytes until there are enough for a message."""
+        return self._packets.missing(self._shimmer.wanted())
+
+    def items(self, arrival: Arrival[bytes]) -> Iterator[Item]:
+        """Yield what is complete, once there is enough for a message."""
+        return self._shimmer.items(self._packets.feed(arrival.value, arrival.received_ns), self._prepared)
+
+    def rest(self) -> Iterator[Item]:
+        """Yield the samples that wait for more."""
+        return self._shimmer.rest(self._prepared)
 
 
 def in_units(sensor_type: str, counts: Counts, prepared: Prepared) -> Floats:

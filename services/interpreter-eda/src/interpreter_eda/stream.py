@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from sense4hri.blocks import Block, Blocks, Hole
+from sense4hri.blocks import Block, Blocks, Hole, Presence
 from sense4hri.chunk import TimedChunk
 from sense4hri.living import frozen
 from sense4hri.motion import Motion
@@ -87,6 +87,7 @@ class EdaStream:
         self._period_s = 1 / fs_hz if fs_hz else 0.0
         self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S, filled=True)
         self._slow, self._motion = Slow(1, BRIDGED_S), Motion()
+        self._presence = Presence(round(config.window_s / config.update_interval_s))
         self._restart()
 
     def evidence(self, info: StreamInfo, timed: TimedChunk) -> None:
@@ -102,7 +103,7 @@ class EdaStream:
         self._raw, self._spread, self._tonic = np.empty(0), np.empty(0), np.empty(0)
         self._times_ns, self._withheld = np.empty(0, np.int64), np.empty(0, bool)  # withheld: of these nothing was told
         self._sample, self._steps = np.empty((0, 1)), np.empty(0)  # the newest; least step of each block of the window
-        self._came = np.empty((0, 2), int)  # samples with a number, and all, of each block of the window
+        self._presence.restart()
         self._skin_ns = -(2**62)  # the last sample of skin
         self._loose_us = np.nan  # what an electrode that hangs loose shows
         self._responses: list[Response] = []
@@ -129,8 +130,7 @@ class EdaStream:
         samples = samples[:, None]
         blocks = round(self._config.window_s / self._config.update_interval_s)
         self._steps = np.append(self._steps, least_step(np.concatenate([self._sample, samples])))[-blocks:]
-        number = np.count_nonzero(np.isfinite(block.samples[:, self._column]))
-        self._came = np.concatenate([self._came, [[number, len(samples)]]])[-blocks:]
+        self._presence.add(block.samples[:, [self._column]])
         self._sample = samples[-1:] if len(samples) else self._sample
         points = self._slow.push(samples, block.times_ns)
         raw = points.values[:, 0]
@@ -184,8 +184,7 @@ class EdaStream:
         held = frozen(self._raw[:, None], round(BRIDGED_S * GRID_HZ))
         told = np.isfinite(raw) & ~self._withheld[here]
         told_of, moving = np.count_nonzero(told), np.count_nonzero(told & ~held[here])
-        came, due = self._came.sum(axis=0)
-        filled = min(1.0, moving / max(1.0, window_s * GRID_HZ - 1), came / max(1, due))
+        filled = min(1.0, moving / max(1.0, window_s * GRID_HZ - 1), self._presence.share())
         held_s = min(window_s, told_of / GRID_HZ + BRIDGED_S)  # the newest points of a slow sensor are to come
         jumped = features.jumps(known, self._scale == 1)
         doubts = 1 + self._motion.at(block.received_ns, self._config.window_s).strength

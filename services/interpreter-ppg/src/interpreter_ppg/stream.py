@@ -159,28 +159,9 @@ class PpgStream:
         beats = list(self._beats)
         channel = self._channels[self._chosen]
         rr_ms = np.array([beat.rr_ms for beat in beats])
-        moved = self._motion.at(block.received_ns, self._config.window_s)
-        doubt = features.motion_doubt(moved, rr_ms)
-        quality = channel.quality ** (1 + MOTION_COST * moved.strength) * (1 - doubt * STEPS_COST)
-        if doubt:
-            reasons.append("signal_quality: the device moves at the rate of the pulses")
         trusted = np.array([beat.trusted for beat in beats], bool)
         rate_bpm = features.heart_rate(rr_ms, trusted)
-        self._see_two_rhythms(block.end_ns, rr_ms, trusted, channel.second_rhythm_hz(rate_bpm / 60) * 60 / rate_bpm)
-        if rate_bpm < features.SLOWEST_BPM and quality > IN_DOUBT:
-            quality = IN_DOUBT
-            reasons.append(f"signal_quality: below {features.SLOWEST_BPM:g} /min it may be breathing or movements")
-        if self._lasting.too_short(channel.quality, block.end_ns, LASTING_S) and quality > IN_DOUBT:
-            quality = IN_DOUBT
-            reasons.append(f"signal_quality: good for less than {LASTING_S:g} s")
-        if block.end_ns <= self._two_rhythms_to_ns or features.vanishes(channel.heights, trusted):
-            quality = min(quality, IN_DOUBT)
-            reasons.append("signal_quality: two rhythms, the pulse may be the slower one")
-        if features.irregular(rr_ms):
-            self._irregular_to_ns = block.end_ns + round(self._config.window_s * SECOND_NS)
-        if block.end_ns <= self._irregular_to_ns and quality > IN_DOUBT:
-            quality = IN_DOUBT
-            reasons.append("signal_quality: the intervals have no order, pulses too low to be seen may be missing")
+        quality = self._quality(block, rr_ms, trusted, rate_bpm, reasons)
         good = not quality < self._config.min_quality
         rate_bpm = rate_bpm if good else np.nan
         device_bpm = self._device.at(block.received_ns)
@@ -208,6 +189,33 @@ class PpgStream:
         else:
             reasons.append(f"signal_quality below {self._config.min_quality:g}: heart_rate_bpm and hrv withheld")
         return update._replace(reasons=tuple(reasons + self._missing(update, device_bpm)))
+
+    def _quality(
+        self, block: Block, rr_ms: Floats, trusted: NDArray[np.bool_], rate_bpm: float, reasons: list[str]
+    ) -> float:
+        """Return how sure the pulses of the window are, 0..1; adds to reasons what lowers it to IN_DOUBT."""
+        channel = self._channels[self._chosen]
+        moved = self._motion.at(block.received_ns, self._config.window_s)
+        moves_alike = features.motion_doubt(moved, rr_ms)
+        quality = channel.quality ** (1 + MOTION_COST * moved.strength) * (1 - moves_alike * STEPS_COST)
+        if moves_alike:
+            reasons.append("signal_quality: the device moves at the rate of the pulses")
+        self._see_two_rhythms(block.end_ns, rr_ms, trusted, channel.second_rhythm_hz(rate_bpm / 60) * 60 / rate_bpm)
+        if rate_bpm < features.SLOWEST_BPM and quality > IN_DOUBT:
+            quality = IN_DOUBT
+            reasons.append(f"signal_quality: below {features.SLOWEST_BPM:g} /min it may be breathing or movements")
+        if self._lasting.too_short(channel.quality, block.end_ns, LASTING_S) and quality > IN_DOUBT:
+            quality = IN_DOUBT
+            reasons.append(f"signal_quality: good for less than {LASTING_S:g} s")
+        if block.end_ns <= self._two_rhythms_to_ns or features.vanishes(channel.heights, trusted):
+            quality = min(quality, IN_DOUBT)
+            reasons.append("signal_quality: two rhythms, the pulse may be the slower one")
+        if features.irregular(rr_ms):
+            self._irregular_to_ns = block.end_ns + round(self._config.window_s * SECOND_NS)
+        if block.end_ns <= self._irregular_to_ns and quality > IN_DOUBT:
+            quality = IN_DOUBT
+            reasons.append("signal_quality: the intervals have no order, pulses too low to be seen may be missing")
+        return quality
 
     def _see_two_rhythms(self, end_ns: int, rr_ms: Floats, trusted: NDArray[np.bool_], share: float) -> None:
         """Take what an update at end_ns shows of a second rhythm; share: of the rate told, that its line has, or NaN.

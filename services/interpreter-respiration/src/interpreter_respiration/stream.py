@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from sense4hri.blocks import Block, Blocks, Hole
+from sense4hri.blocks import Block, Blocks, Hole, Presence
 from sense4hri.chunk import TimedChunk
 from sense4hri.lasting import IN_DOUBT, Lasting
 from sense4hri.living import frozen
@@ -72,6 +72,7 @@ class RespirationStream:
             self._columns = _axes(info)
         self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S, filled=True)
         self._slow, self._lasting = Slow(len(self._columns), BRIDGED_S), Lasting(LASTING_QUALITY, at_once=True)
+        self._presence = Presence(round(config.window_s / config.update_interval_s))
         self._restart()
 
     def push(self, timed: TimedChunk) -> list[RespirationUpdate]:
@@ -84,7 +85,7 @@ class RespirationStream:
         self._grid = np.empty((0, len(self._columns)))
         self._values = self._grid  # without what is held
         self._spread, self._times_ns = np.empty(0), np.empty(0, np.int64)
-        self._came = np.empty((0, 2), int)  # samples with a number, and all, of each block of the window
+        self._presence.restart()
         self._told: list[Told] = []
         self._told_ns = -(2**62)  # the last breath that was told, or withheld
 
@@ -93,9 +94,7 @@ class RespirationStream:
             self._restart()
         samples = block.samples[:, self._columns]
         points = self._slow.push(samples, block.times_ns)
-        blocks = round(self._config.window_s / self._config.update_interval_s)
-        number = np.count_nonzero(np.isfinite(samples).all(axis=1))
-        self._came = np.concatenate([self._came, [[number, len(samples)]]])[-blocks:]
+        self._presence.add(samples)
         kept = slice(-round((max(self._config.window_s, LOOK_S) + SETTLED_S) * GRID_HZ), None)
         self._grid = np.concatenate([self._grid, points.values])[kept]
         held = frozen(self._grid, round(BRIDGED_S * GRID_HZ))
@@ -254,8 +253,7 @@ class RespirationStream:
         wanders = features.rise(features.wander(raw, seen.period_s), features.WANDERS)
         if wanders > 0.3:
             notes.append(f"{self._what} wanders from breath to breath as far as a breath is high: drift, or none")
-        came, due = self._came.sum(axis=0)
-        filled = min(1.0, len(raw) / max(1.0, window_s * GRID_HZ - 2), came / max(1, due))
+        filled = min(1.0, len(raw) / max(1.0, window_s * GRID_HZ - 2), self._presence.share())
         quality = features.rise(features.clean_share(raw, seen.spread), features.NOISE_RATIO)
         quality *= features.rhythm(raw, seen.likeness) * (1 - steps)
         quality *= filled * (1 - clipped) ** 2 * (1 - min(1.0, moved / features.OUTLYING_MOST))
