@@ -178,6 +178,8 @@ def test_a_network_that_loses_and_delays(laboratory: Laboratory, page: Page) -> 
     told(page, "after its receipt.*: a machine or the network is too busy")
     told(page, r"recorder: \d+ messages lost within a minute")
     fires(laboratory, "MessagesLost", service="recorder")
+    told(page, r"a message to host lab_b and its answer take 2\d\d ms")
+    fires(laboratory, "NetworkSlow", field="lab_b")
 
     def trips() -> list[float]:
         return laboratory.shown("sense4hri_host_clock_round_trip_seconds")
@@ -199,6 +201,8 @@ def test_a_partition(laboratory: Laboratory, page: Page) -> None:
     ends(laboratory, "ServiceUnanswering")
     told(page, "host lab_b no longer answers clock-sync", over=True)
     laboratory.network.loss = laboratory.network.delay_s = 0.0
+    ends(laboratory, "NetworkSlow", field="lab_b")
+    told(page, "a message to host lab_b and its answer take", over=True)
 
 
 def test_a_stepped_clock(laboratory: Laboratory, page: Page) -> None:

@@ -37,7 +37,7 @@ CLOCK = {
     "segment": 1,
     "state": 1,
 }
-HOST = {"host": "lab_b", "reference": "lab_a", "offset_ns": 400_000, "state": 1}
+HOST = {"host": "lab_b", "reference": "lab_a", "offset_ns": 400_000, "round_trip_s": 4e-4, "state": 1}
 FEATURES = {"signal_quality": 0.9, "reasons": [], "peak_timestamps": []}
 
 
@@ -98,6 +98,7 @@ CASES = {
     "ClockNotFound": {"clock": {"state": 0}},
     "HostClocksApart": {"host": {"offset_ns": -1_200_000}},
     "HostUnanswering": {"host": {"state": 2}},
+    "NetworkSlow": {"host": {"round_trip_s": 0.2}},
     "BatteryLow": {"health": {"battery_percent": 19.0}},
     "ContactLost": {"health": {"contact": 0.4}},
     "RecorderCannotRecord": {"recorder": {"level": "error", "message": "NOT RECORDING: no space"}},

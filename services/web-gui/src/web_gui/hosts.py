@@ -1,7 +1,7 @@
 """The clocks of the study's other hosts, as the reference host's clock-sync tells them. Pure."""
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 from sense4hri.host_clocks import MOST_HOSTS
 from sense4hri.stamps import SECOND_NS
@@ -11,27 +11,39 @@ from web_gui.problem_log import Problem
 from web_gui.rules import RULES
 
 FRESH_NS = 10 * SECOND_NS
-WARMUP = 0  # HostClock.WARMUP
+WARMUP, LOCKED = 0, 1  # HostClock
+
+
+class Told(NamedTuple):
+    """What is told of one host's clock."""
+
+    host: str
+    reference: str
+    offset_s: float
+    round_trip_s: float
+    state: int
 
 
 class Hosts:
     """What `/study/host_clocks` said last. A study on one host has none."""
 
     def __init__(self) -> None:
-        self._entries: list[tuple[str, str, float, int]] = []  # host, reference, offset s, state
+        self._entries: list[Told] = []
         self._at_ns = 0
 
     def take(self, message: Any, now_ns: int) -> None:
         """Take a HostClockArray in."""
         clocks = message.clocks[:MOST_HOSTS]
-        self._entries = [(shown(c.host), shown(c.reference), c.offset_ns * 1e-9, int(c.state)) for c in clocks]
+        self._entries = [
+            Told(shown(c.host), shown(c.reference), c.offset_ns * 1e-9, c.round_trip_s, int(c.state)) for c in clocks
+        ]
         self._at_ns = now_ns
 
     def problems(self, now_ns: int) -> Iterator[Problem]:
-        """Yield whose clock is off, and who no longer answers; nothing of what is no longer told."""
+        """Yield whose clock is off, who answers slowly and who no longer does; nothing of what is no longer told."""
         if now_ns - self._at_ns > FRESH_NS:
             return
-        for host, reference, offset_s, state in self._entries:
+        for host, reference, offset_s, round_trip_s, state in self._entries:
             if RULES["HostUnanswering"].broken(state):
                 text = f"host {host} no longer answers clock-sync: its clock is taken to go on as it did"
                 yield Problem.of("HostUnanswering", f"host {host}", text)
@@ -39,3 +51,6 @@ class Hosts:
                 off = f"{abs(offset_s) * 1e3:.1f} ms off that of {reference}"
                 text = f"the clock of host {host} is {off}; times are corrected, set it all the same"
                 yield Problem.of("HostClocksApart", f"clock of {host}", text)
+            if state == LOCKED and RULES["NetworkSlow"].broken(round_trip_s):
+                took = f"a message to host {host} and its answer take {round_trip_s * 1e3:.0f} ms"
+                yield Problem.of("NetworkSlow", f"way to {host}", f"{took}: the network between holds data back")

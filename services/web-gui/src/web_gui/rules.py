@@ -40,6 +40,7 @@ RULES = {
         Rule("ClockNotFound", "==", 0, for_s=60),  # ClockModel.WARMUP
         Rule("HostClocksApart", ">", 0.001),  # s
         Rule("HostUnanswering", "==", 2, for_s=5),  # HostClock.HOLDOVER
+        Rule("NetworkSlow", ">", 0.05, for_s=5),  # s, there and back
         Rule("BatteryLow", "<", 0.2),  # of full
         Rule("ContactLost", "<", 0.5),  # 0 = off the skin
         Rule("RecorderCannotRecord", "==", 0, "error"),  # ready
