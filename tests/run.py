@@ -30,9 +30,9 @@ from environment import network_environment
 
 TESTS = ROOT / "tests"
 GROUPS = ("unit", "kit", "contract", "graph", "browser", "containers", "kubernetes")
-ALONE = {"containers", "test_cluster.py", "test_replay_law.py"}
-"""One file at a time, after all others: what shares something of this machine, and a study beside which nobody
-may want its cores, since the first state of a replay at 20x has 25 ms for its features."""
+ALONE = {"containers", "test_cluster.py", "test_replay_law.py", "test_nine_modalities.py"}
+"""One file at a time, after all others: what shares something of this machine, and studies beside which nobody may want
+its cores: the first state of a replay at 20x has 25 ms for its features, and sixteen services have 10 s to stop."""
 ONE = Room(1, 1)
 MOST_OF_A_CORE = 3
 """Files at a time for each core, where all of them wait."""
@@ -56,7 +56,6 @@ MINUTES = {
     "sense4hri_session": 3,
     "test_driver_polar.py": 2,
     "test_demo_graph.py": 2,
-    "test_nine_modalities.py": 2,
     "test_recorder.py": 2,
     "test_scripted_study.py": 2,
     **dict.fromkeys(("test_gui.py", "test_gui_session.py", "test_gui_strangers.py"), 1),
