@@ -24,6 +24,7 @@ MEASURED = {
     "sensor-bench": ("160Mi", "100m"),
     "web-gui": ("128Mi", "150m"),
     "recorder": ("128Mi", "150m"),
+    "fusion-affect": ("96Mi", "100m"),
     "bluetooth": ("16Mi", "10m"),
 }
 """Requests: memory and CPU a little above what docs/benchmarks.md (containers) says of each; a test compares."""
