@@ -9,13 +9,17 @@ import time
 import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 from sense4hri import serial_port
-from sense4hri.arrivals import Arrival
-from sense4hri.errors import ConfigError, DeviceLost
-from sense4hri.serial_port import SerialPort, linked, wrong_with
+from sense4hri.arrivals import Arrival, Arrivals, Silence
+from sense4hri.chunk import Chunk
+from sense4hri.device import Item, Samples
+from sense4hri.errors import ConfigError, DeviceLost, FrameError
+from sense4hri.serial_port import SerialPort, decoded, linked, wrong_with
 
 
 class Other(NamedTuple):
@@ -280,3 +284,74 @@ def test_a_baud_rate_that_no_tty_has_is_the_operators_and_told_with_those_there_
     finally:
         os.close(own)
         os.close(fd)
+
+
+class Pairs:
+    """Two bytes are a message; an odd one waits."""
+
+    def __init__(self) -> None:
+        self._waiting = b""
+
+    @property
+    def missing(self) -> int:
+        return 2 - len(self._waiting)
+
+    def items(self, arrival: Arrival[bytes]) -> Iterator[Item]:
+        self._waiting += arrival.value
+        if len(self._waiting) >= 2:
+            yield from self.rest()
+
+    def rest(self) -> Iterator[Item]:
+        values, self._waiting = np.frombuffer(self._waiting, np.uint8)[:, None].astype(np.float64), b""
+        if len(values):
+            yield Samples("eda", Chunk(("eda",), values, None, 1))
+
+
+class Errors(Pairs):
+    """Every byte is an error."""
+
+    def items(self, arrival: Arrival[bytes]) -> Iterator[Item]:
+        yield FrameError(repr(arrival.value))
+
+
+def test_a_device_is_decoded_to_its_last_byte() -> None:
+    """A read is as long as a message needs it; what waits when the link is lost comes before the loss."""
+    port, came, needed = SimpleNamespace(), [], []
+
+    async def drive() -> None:
+        arrivals = Arrivals[bytes]()
+        arrivals.receive(b"\x01\x02\x03")
+        arrivals.receive(b"\x04")
+        async for item in decoded(port, arrivals, Pairs(), Silence(["frame"], 5.0)):
+            needed.append(port.enough)
+            came.append(item.chunk.samples[:, 0].tolist())
+            if len(came) == 1:
+                arrivals.fail(DeviceLost("unplugged"))
+
+    with pytest.raises(DeviceLost, match="unplugged"):
+        asyncio.run(drive())
+    assert came == [[1.0, 2.0, 3.0], [4.0]]
+    assert needed == [2, 1]
+
+
+def test_samples_alone_end_a_silence() -> None:
+    """A device that says things, and samples nothing, is silent."""
+
+    async def drive() -> None:
+        arrivals = Arrivals[bytes]()
+        saying = asyncio.create_task(say(arrivals))
+        try:
+            async for _ in decoded(SimpleNamespace(), arrivals, Errors(), Silence(["frame"], 0.2)):
+                pass
+        finally:
+            saying.cancel()
+
+    with pytest.raises(DeviceLost, match=r"connected, but no frame for 0\.2 s"):
+        asyncio.run(asyncio.wait_for(drive(), 20))
+
+
+async def say(arrivals: Arrivals[bytes]) -> None:
+    """Send a byte every 20 ms."""
+    while True:
+        arrivals.receive(b"?")
+        await asyncio.sleep(0.02)
