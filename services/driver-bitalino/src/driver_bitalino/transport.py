@@ -43,7 +43,8 @@ class Board:
             async with asyncio.timeout(ANSWER_S):
                 with suppress(TimeoutError):  # of the silence that is waited for
                     while True:
-                        await asyncio.wait_for(self.arrivals.get(), QUIET_S)
+                        async with asyncio.timeout(QUIET_S):  # wait_for of 3.11 may lose the timeout round it
+                            await self.arrivals.get()
         except TimeoutError as err:
             raise DeviceLost(f"{self.port.address}: goes on sending after it was stopped: is it a BITalino?") from err
 
