@@ -179,7 +179,8 @@ class BleakRadio:
         timeout_s, wanted = self._config.scan_timeout_s, self._config.address or self._config.name
         async with BleakScanner(heard, bluez=self._bluez):
             with suppress(TimeoutError):
-                await asyncio.wait_for(first.wait(), timeout_s)
+                async with asyncio.timeout(timeout_s):
+                    await first.wait()
             if meant and self._only not in map(str.lower, meant):
                 await asyncio.sleep(NAMESAKES_S)
             missed = not meant and await self._is_heard_by_bluez()

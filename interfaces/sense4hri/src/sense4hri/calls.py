@@ -56,7 +56,8 @@ class Calls:
         pending = client.call_async(request)
         pending.add_done_callback(lambda future: self._post(settle, future.result()))
         try:
-            return await asyncio.wait_for(done, max(0.05, deadline - self._loop.time()))
+            async with asyncio.timeout(max(0.05, deadline - self._loop.time())):
+                return await done
         except TimeoutError:
             client.remove_pending_request(pending)
             raise TimeoutError(f"{client.srv_name} did not answer within {max(timeout_s, 0.0):g} s") from None

@@ -239,7 +239,8 @@ class RawStreams:
             while not stamps:
                 await asyncio.sleep(POLL_S)
             try:
-                await asyncio.wait_for(enough.wait(), DATA_S)
+                async with asyncio.timeout(DATA_S):
+                    await enough.wait()
             except TimeoutError:
                 self._service.log.info(f"{name.topic('raw')}: little data in {DATA_S:.0f} s to learn a rate from")
         finally:

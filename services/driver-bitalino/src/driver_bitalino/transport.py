@@ -43,7 +43,7 @@ class Board:
             async with asyncio.timeout(ANSWER_S):
                 with suppress(TimeoutError):  # of the silence that is waited for
                     while True:
-                        async with asyncio.timeout(QUIET_S):  # wait_for of 3.11 may lose the timeout round it
+                        async with asyncio.timeout(QUIET_S):
                             await self.arrivals.get()
         except TimeoutError as err:
             raise DeviceLost(f"{self.port.address}: goes on sending after it was stopped: is it a BITalino?") from err

@@ -119,7 +119,8 @@ async def _done(chore: Chore) -> tuple[int, list[str]]:
         with contextlib.suppress(ProcessLookupError):
             os.setpriority(os.PRIO_PROCESS, child.pid, NICENESS)
         try:
-            output, _ = await asyncio.wait_for(child.communicate(), LONGEST_S)
+            async with asyncio.timeout(LONGEST_S):
+                output, _ = await child.communicate()
         except TimeoutError:
             return -1, [f"not done within {LONGEST_S:.0f} s"]
         return child.returncode or 0, output.decode("utf-8", "replace").splitlines()

@@ -112,7 +112,8 @@ class Links:
         """Set up a link. Raises BaseBumbleError, TimeoutError; an attempt that is given up leaves no link behind."""
         attempt = asyncio.ensure_future(self._central.connect(address, timeout=None))
         try:
-            return await asyncio.wait_for(asyncio.shield(attempt), LINK_SETUP_TIMEOUT_S)
+            async with asyncio.timeout(LINK_SETUP_TIMEOUT_S):
+                return await asyncio.shield(attempt)
         except (TimeoutError, asyncio.CancelledError):
             await asyncio.shield(self._spawn(self._give_up(attempt)))
             raise
@@ -206,4 +207,5 @@ class Links:
 async def end_link(connection: Connection) -> None:
     """Disconnect; bumble never answers where the other side did so in the same moment, hence the limit."""
     with contextlib.suppress(BaseBumbleError, TimeoutError):
-        await asyncio.wait_for(connection.disconnect(), LINK_END_TIMEOUT_S)
+        async with asyncio.timeout(LINK_END_TIMEOUT_S):
+            await connection.disconnect()

@@ -197,7 +197,8 @@ class BlePeripheral(VirtualDevice):
             return
         with contextlib.suppress(BaseBumbleError, TimeoutError):
             # no answer comes where the other side ends the link in the same moment
-            await asyncio.wait_for(self.connection.disconnect(HCI_CONNECTION_TIMEOUT_ERROR), LINK_END_TIMEOUT_S)
+            async with asyncio.timeout(LINK_END_TIMEOUT_S):
+                await self.connection.disconnect(HCI_CONNECTION_TIMEOUT_ERROR)
 
     async def set_down(self, down: bool) -> None:
         """Out of range or switched off: no link, no advertising, until set back."""

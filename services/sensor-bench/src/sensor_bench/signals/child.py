@@ -22,7 +22,8 @@ async def result_of(module: str, *arguments: str) -> Any:
     except OSError as err:
         raise ChildError(f"{module} cannot be started: {err}") from err
     try:
-        output, errors = await asyncio.wait_for(child.communicate(), TIMEOUT_S)
+        async with asyncio.timeout(TIMEOUT_S):
+            output, errors = await child.communicate()
     finally:
         if child.returncode is None:
             child.kill()
