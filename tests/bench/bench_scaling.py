@@ -28,6 +28,7 @@ from typing import Any, NamedTuple
 from process_memory import MOST_FURTHER_MIB, further_mib, own_and_proportional_mib
 from scaling_counts import behind, packets
 from scaling_driver import KINDS, packets_per_s
+from scaling_on_paper import drivers_percent, most_participants, percent_with
 
 DRIVER = Path(__file__).with_name("scaling_driver.py")
 KEPT = Path(__file__).resolve().parents[2] / "build" / "bench"
@@ -38,6 +39,7 @@ MEASURE_S, LONGEST_START_S = 20.0, 400.0
 TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 SERVICES = ("interpreter_ecg", "interpreter_ppg", "clock_sync", "recorder", "web_gui")
 OTHERS = ("fusion_affect", "metadata_registry", "session_coordinator")
+ON_PAPER = (48, 96)  # participants
 FULL = 0.97  # of all cores
 IN_REAL_TIME = "every stream within one packet of rate x window, 0 lost"
 
@@ -247,6 +249,22 @@ def rows() -> list[dict[str, Any]]:
     table += [_service_row(name, found) for name in SERVICES]
     table.append(_row(_per_added("drivers"), "none set", _listed(_added(found, "drivers")), None))
     table.append(_memory_row(found))
+    return table + _paper_rows(found) if len(found) > 1 else table
+
+
+def _paper_rows(found: list[Point]) -> list[dict[str, Any]]:
+    """What was not tried: with how many participants each process is full, and how many cores larger studies take."""
+    tried = [point.participants for point in found]
+    curves = {name: [point.percent[name] for point in found] for name in found[0].percent}
+    drivers = curves.pop("drivers")
+    full = {name: most_participants(tried, curves[name]) for name in SERVICES}
+    listed = ", ".join(f"{name} {most:.0f}" for name, most in sorted(full.items(), key=lambda entry: entry[1]))
+    table = [_row("on paper: participants with which one process fills a core", "none set", listed, None)]
+    for wanted in ON_PAPER:
+        share = drivers_percent(tried, drivers, wanted)
+        services = sum(percent_with(tried, curve, wanted) for curve in curves.values())
+        text = f"{services:.0f} % of a core for the services, {share:.0f} % for the drivers"
+        table.append(_row(f"on paper: {_what(wanted)}", "none set", text, None))
     return table
 
 

@@ -1,4 +1,4 @@
-"""tests/bench: when a stream of a large study is said to have come in real time, and what is said of who ended."""
+"""tests/bench: which streams of a large study are in real time, what is said of who ended, what larger ones would take."""
 
 import subprocess
 import sys
@@ -10,6 +10,7 @@ from mcap.writer import Writer
 sys.path.append(str(Path(__file__).resolve().parents[2] / "bench"))
 import bench_scaling
 from scaling_counts import SECOND_NS, behind, packets
+from scaling_on_paper import drivers_percent, most_participants, percent_with
 
 T0_NS = 1_700_000_000 * SECOND_NS
 
@@ -71,3 +72,24 @@ def test_a_service_that_has_ended_is_a_row_in_words_and_its_log_is_kept(tmp_path
     assert told["ok"] is False
     assert rows[1]["measured"] == "0 of 1 tried"
     assert (tmp_path / "build" / "bench" / "scaling_recorder.log").read_text() == "the disk is broken\n"
+
+
+def test_the_steepest_stretch_of_a_process_goes_on_from_the_last_point():
+    """2 % of a core each from 4 to 8 participants, 1 % before and after them: 2 % it is, and none that rises is never full."""
+    tried, percent = [2, 4, 8, 12], [4.0, 6.0, 14.0, 18.0]
+    assert percent_with(tried, percent, 20) == 34.0
+    assert most_participants(tried, percent) == 53.0
+    assert most_participants([2, 4], [3.0, 3.0]) == float("inf")
+
+
+@pytest.mark.parametrize(("each", "pairs"), [(1.0, 0.02), (1.0, 0.0), (0.0, 0.02)])
+def test_drivers_cost_themselves_and_a_share_for_every_other(each, pairs):
+    """What is drawn further is the curve that was measured, whichever of both parts is there."""
+    tried = [2, 8, 16, 24]
+    percent = [each * number + pairs * number**2 for number in tried]
+    assert drivers_percent(tried, percent, 96) == pytest.approx(96 * each + 96**2 * pairs)
+
+
+def test_drivers_that_grow_less_than_their_number_are_drawn_as_a_line():
+    """A share for every other that would be below 0 is none: more drivers never cost less."""
+    assert drivers_percent([2, 8, 16], [2.0, 7.0, 12.0], 96) == pytest.approx(96 * (4 + 56 + 192) / (4 + 64 + 256))
