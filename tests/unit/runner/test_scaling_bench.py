@@ -1,4 +1,4 @@
-"""tests/bench: which streams of a large study are in real time, what is said of who ended, what larger ones would take."""
+"""tests/bench: which streams of a large study are in real time, who ended, what larger ones would take."""
 
 import subprocess
 import sys
@@ -75,7 +75,7 @@ def test_a_service_that_has_ended_is_a_row_in_words_and_its_log_is_kept(tmp_path
 
 
 def test_the_steepest_stretch_of_a_process_goes_on_from_the_last_point():
-    """2 % of a core each from 4 to 8 participants, 1 % before and after them: 2 % it is, and none that rises is never full."""
+    """2 % of a core each from 4 to 8 participants, 1 % before and after: 2 % it is; what never rises is never full."""
     tried, percent = [2, 4, 8, 12], [4.0, 6.0, 14.0, 18.0]
     assert percent_with(tried, percent, 20) == 34.0
     assert most_participants(tried, percent) == 53.0
