@@ -672,6 +672,24 @@ def test_messages_that_cannot_be_decoded_are_in_the_notes(study):
     assert str(folder.parent) not in (out / "session.json").read_text()
 
 
+def test_an_edf_header_has_the_whole_pseudonym(study):
+    """The longest that the contract allows; two that differ in their last sign alone stay two."""
+    people = ["p" * 62 + last for last in "ab"]
+    for person in people:
+        for i in range(20):
+            samples = {"a": np.sin(np.arange(13.0) + i)}
+            study.raw(f"{person}/ecg/x_{person[-1]}", START_NS + i * SECOND // 10, (i + 1) * SECOND // 10, samples)
+    sensors = [study.sensor(f"{person}/ecg/x_{person[-1]}", 130.0, "uV", ["a"], 16) for person in people]
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=sensors)
+    out = study.parent / "out"
+    export(sense4hri_session.open(study.write()), out, ("edf",))
+    found = []
+    for file in sorted((out / "edf").iterdir()):
+        with pyedflib.EdfReader(str(file)) as reader:
+            found.append(reader.getPatientCode())
+    assert found == people
+
+
 def test_what_an_edf_header_has_no_room_for_is_told(study):
     """A long unit ends with `~`, a channel that readers take for triggers has a number: the notes say both."""
     names = ("Status", "trigger", "a name of more than sixteen signs")

@@ -170,7 +170,7 @@ def _header(writer: Any, grid: ConstantRate, wide: bool, scale: int) -> NDArray[
         ]
     )
     writer.setStartdatetime(datetime.fromtimestamp(grid.start_ns // SECOND_NS, UTC).replace(tzinfo=None))
-    writer.setPatientCode(ascii_only(stream.name.human_id)[:30])
+    writer.setPatientCode(ascii_only(stream.name.human_id))  # 63 characters at most (contract, 1); 73 have room
     writer.setEquipment(ascii_only(stream.name.sensor_id)[:20])
     writer.setRecordingAdditional(f"cubic_spline_to_{rate}_Hz_{GAP}=missing")
     return np.array(limits)
