@@ -133,6 +133,16 @@ def test_a_lost_link_is_logged_once_counted_and_taken_up_again(start, ears):
     assert process.log().count("the toy was unplugged") == 1
 
 
+def test_a_slow_stream_of_a_device_that_has_just_begun_is_starting(start, ears):
+    """Not lost, as long as its rate allows that no sample has come yet; then it is, while the other one streams."""
+    slow = ears.hear(StreamHealth, StreamName("p1", "temperature", "toy_1").topic("health"), qos.HEALTH)
+    start("toy_driver.py", env={"TOY_FAULTS": "slow"}, human_id="p1", sensor_id="toy_1")
+    ears.until(lambda: slow and slow[-1].state == StreamHealth.LOST, "given up")
+    told = [(each.state, *each.reasons) for each in slow]
+    assert (StreamHealth.STARTING, "no sample has come yet") in told
+    assert told[-1] == (StreamHealth.LOST, "connected, but no samples come")
+
+
 def test_of_a_lost_device_nobody_knows_contact_and_signal(start, ears, tmp_path):
     """Both were told over the link that is gone; the charge of its battery stays what it was."""
     health, away = ears.hear(StreamHealth, P1.topic("health"), qos.HEALTH), tmp_path / "away"
