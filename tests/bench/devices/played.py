@@ -102,12 +102,11 @@ def codec_rows(played: Played) -> list[dict[str, Any]]:
 
 
 def _kept(played: Played) -> dict[str, Any]:
-    """Row of what became of a device's samples; where losses cannot be counted, nothing may be counted as lost."""
+    """Row of what became of a device's samples; where losses cannot be counted, of what arrived alone."""
     sent, lost, came, counted = played.sent, played.lost, played.came, played.counted
     if played.uncounted:
         what = f"{played.device}: came, {LOSS:.0%} lost, restart; losses cannot be counted: {played.uncounted}"
-        told = f"{came} of {sent}, {lost} lost, {counted} counted"
-        return row(what, "all that arrived, exactly", told, came == sent - lost and counted == 0)
+        return row(what, "all that arrived, exactly", f"{came} of {sent}, {lost} lost", came == sent - lost)
     what, told = (
         f"{played.device}: came + counted, {LOSS:.0%} lost, restart",
         f"{came} + {counted} of {sent}, {lost} lost",
