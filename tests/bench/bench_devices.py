@@ -2,10 +2,11 @@
 
     .venv/bin/python tests/bench/run.py devices            # ten seconds for each codec, a minute for each study
 
-A new driver: a function in devices/packets.py or devices/serial_links.py that returns `Played`, entered in `PLAYED`. It
-feeds the emulator's bytes, one per cent of them lost, to the driver's codec at once, and every `Samples` that comes out
-to a `Tally`, which counts as the kit does. The second part (devices/live.py) needs no entry: each driver's own study
-(compose/studies/<name>.yaml) is started, its CPU measured, its device switched off and on again over the bench.
+A new driver: a function in devices/packets.py, serial_links.py, reports.py or recordings.py that returns `Played`,
+entered in `PLAYED` (driver-lsl's is in bench_lsl.py, beside the real liblsl). It feeds the emulator's bytes, one per
+cent of them lost, to the driver's codec at once, and every `Samples` that comes out to a `Tally`, which counts as the
+kit does. The second part (devices/live.py) needs no entry: each driver's own study (compose/studies/<name>.yaml) is
+started, its CPU measured, its device switched off and on again over the bench.
 """
 
 from collections.abc import Callable
@@ -14,6 +15,8 @@ from typing import Any
 from devices.live import live_rows, studies
 from devices.packets import brainflow_cyton, polar_h10, pupil_core, pupil_neon, vernier_belt
 from devices.played import Played, codec_rows
+from devices.recordings import columns_of_text
+from devices.reports import heart_rate_strap, pulse_oximeter
 from devices.serial_links import bioharness_ecg, bitalino, microcontroller, shimmer_gsr
 
 PLAYED: tuple[Callable[[], Played], ...] = (
@@ -26,6 +29,9 @@ PLAYED: tuple[Callable[[], Played], ...] = (
     bioharness_ecg,
     pupil_core,
     pupil_neon,
+    heart_rate_strap,
+    pulse_oximeter,
+    columns_of_text,
 )
 
 

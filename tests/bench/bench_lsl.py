@@ -17,9 +17,10 @@ from bench_scaling import cpu_s
 from devices.played import Played, Tally, codec_rows
 from driver_lsl.config import LslConfig
 from driver_lsl.device import LslDevice, Tuned
-from driver_lsl.transport import Pulled
+from driver_lsl.transport import Measured, News, Pulled
 from sense4hri.arrivals import Arrival
 from sense4hri.device import ClockMeasurement, Item, Samples
+from sense4hri.stamps import SECOND_NS
 from sensor_bench.clock import HostClock
 from sensor_bench.lsl.kind import LslKeys, make
 from sensor_bench.lsl.sender import Sender
@@ -27,7 +28,7 @@ from sensor_bench.room import Participant, Room
 from sensor_bench.signals.hearts import Heart
 
 SESSION = f"bench-{os.getpid()}"
-SIGNAL_S, RATE_HZ, FRAME, LOSS = 600, 500, 25, 0.01
+SIGNAL_S, RATE_HZ, FRAME, LOSS, SKEW = 600, 500, 25, 0.01, 40e-6
 AHEAD_S, OFFSET_MS, BACK_S, CPU_PERCENT = 86_400.0, 0.5, 5.0, 2.0
 MEASURE_S, AWAY_S, TIMES = 15.0, 3.0, 3
 XML = (
@@ -37,26 +38,39 @@ XML = (
 
 
 def kept() -> Played:
-    """32 channels at 500 Hz in frames of 25; 1 % of the samples skipped, the sender restarted after five minutes."""
-    random, tally, codec_s = np.random.default_rng(1), Tally(RATE_HZ), 0.0
-    config = LslConfig(sensor_id="e", outlets=("name='EEG'",))
+    """32 channels at 500 Hz in frames of 25; 1 % of the samples skipped, the sender restarted after five minutes.
+
+    The sender's clock is 40 ppm fast. Every 2 s liblsl tells how far it is, half a round trip of 0.5 ms wrong at most;
+    how wrong liblsl really is the row of the two-way offset shows.
+    """
+    random, tally, codec_s, begun_ns = np.random.default_rng(1), Tally(RATE_HZ), 0.0, 1_700_000_000 * SECOND_NS
+    network, config = np.random.default_rng(11), LslConfig(sensor_id="e", outlets=("name='EEG'",))
     sent = lost = 0
-    for begin_s in (653_000.0, 100.0):
+    for on_s, begin_s in ((0.0, 653_000.0), (SIGNAL_S / 2, 100.0)):
         tuned, number = Tuned.to((XML,), config), np.arange(SIGNAL_S * RATE_HZ // 2)
         keep = random.random(len(number)) >= LOSS
         keep[: 2 * RATE_HZ] = keep[-2 * RATE_HZ :] = True
-        stamps_s = begin_s + number[keep] / RATE_HZ
+        taken_s, measured_s = number[keep] / RATE_HZ, 0.0
         sent, lost = sent + len(number), lost + int(np.sum(~keep))
-        for at in range(0, len(stamps_s), FRAME):
-            part = stamps_s[at : at + FRAME]
-            arrival = Arrival(1_700_000_000_000_000_000, Pulled(0, np.zeros((len(part), 32)), part))
+        for at in range(0, len(taken_s), FRAME):
+            part_s = taken_s[at : at + FRAME]
+            true_ns = begun_ns + round((on_s + part_s[-1]) * SECOND_NS)
+            received_ns, sample = true_ns + round(network.gamma(2.0, 0.003) * SECOND_NS), np.zeros((len(part_s), 32))
+            news: list[News] = [Pulled(0, sample, begin_s + part_s * (1 + SKEW))]
+            if part_s[-1] >= measured_s:
+                measured_s += 2.0
+                remote_ns = round((begin_s + part_s[-1] * (1 + SKEW)) * SECOND_NS)
+                wrong_ns = round(network.uniform(-1, 1) * OFFSET_MS / 2 * 1e6)
+                news.append(Measured(remote_ns, true_ns + wrong_ns - remote_ns, OFFSET_MS / 2 * 1e-3))
             begun_s = time.process_time()
-            items = list(tuned.items(arrival))
+            items = [item for each in news for item in tuned.items(Arrival(received_ns, each))]
             codec_s += time.process_time() - begun_s
             for item in items:
                 if isinstance(item, Samples):
-                    tally.take(item)
-    return Played("driver-lsl, EEG 32 x 500 Hz", sent, lost, tally.came, tally.lost, codec_s)
+                    tally.take(item, true_ns)
+                elif isinstance(item, ClockMeasurement):
+                    tally.measured(item)
+    return Played("driver-lsl, EEG 32 x 500 Hz", sent, lost, tally.came, tally.lost, codec_s, tally.settled_ms())
 
 
 def sender(model: str, **keys: Any) -> Sender:

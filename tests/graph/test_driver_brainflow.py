@@ -1,7 +1,8 @@
-"""driver-brainflow as a process, through unmodified BrainFlow and its SimpleBLE, against a virtual Muse 2."""
+"""driver-brainflow as a process, through unmodified BrainFlow: a virtual Muse 2 over SimpleBLE, a Shimmer3 on a pty."""
 
 import pytest
 from processes import poll
+from rcl_interfaces.srv import GetParameters
 from sense4hri import qos
 from sense4hri.names import StreamName
 from sense4hri_msgs.msg import PhysioRaw, StreamHealth
@@ -102,3 +103,37 @@ def test_a_board_that_is_late_is_waited_for(begin, start, ears, tmp_path):
     ears.until(lambda: health[-1].state == StreamHealth.STREAMING, "streaming", 120)
     assert health[-1].reconnects_total == 0
     assert driver.stop() == 0
+
+
+SHIMMER = StreamName("p1", "accelerometer", "shimmer_1")
+ON_A_PTY = """
+participants: {p1: {}}
+devices:
+  - {sensor: shimmer_1, model: Shimmer3, participant: p1, at: "pty:PORT"}
+"""
+
+
+def test_a_shimmer_streams_at_the_rate_that_is_asked_for(start, ears, tmp_path):
+    """BrainFlow's table says 512 Hz, the Shimmer was left at 51.2: by `commands` it does, and is said to do, 128 Hz."""
+    port = tmp_path / "shimmer"
+    bench = BenchProcess(tmp_path, devices=ON_A_PTY.replace("PORT", str(port)), ros4hri=False).until_ready()
+    try:
+        health = ears.hear(StreamHealth, SHIMMER.topic("health"), qos.HEALTH)
+        driver = start(
+            "driver_brainflow",
+            sensor_id="shimmer_1",
+            human_id="p1",
+            board="SHIMMER3",
+            serial_port=str(port),
+            commands=["sampling_rate:128"],
+            streams=["accelerometer"],
+        )
+        driver.until("streaming", 60)
+        asked = GetParameters.Request(names=["accelerometer.sampling_frequency_hz"])
+        (declared,) = ears.ask(GetParameters, "/driver_brainflow_shimmer_1/get_parameters", asked).values
+        assert declared.double_value == 128.0
+        ears.until(lambda: health and abs(health[-1].measured_rate_hz - 128.0) < 4.0, "128 Hz in health", 60)
+        assert health[-1].nominal_rate_hz == 128.0
+        assert driver.stop() == 0
+    finally:
+        bench.end()

@@ -133,6 +133,20 @@ def test_a_lost_link_is_logged_once_counted_and_taken_up_again(start, ears):
     assert process.log().count("the toy was unplugged") == 1
 
 
+def test_a_slow_stream_of_a_device_that_has_just_begun_is_starting(start, ears, tmp_path):
+    """However long the device was looked for: lost only once its rate allows no longer that nothing has come."""
+    slow = ears.hear(StreamHealth, StreamName("p1", "temperature", "toy_1").topic("health"), qos.HEALTH)
+    away = tmp_path / "away"
+    away.touch()
+    start("toy_driver.py", env={"TOY_FAULTS": "slow", "TOY_AWAY": str(away)}, human_id="p1", sensor_id="toy_1")
+    ears.until(lambda: len(slow) >= 5, "looked for longer than three samples take")
+    away.unlink()
+    ears.until(lambda: slow[-1].reasons == ["connected, but no samples come"], "given up")
+    found = [each for each in slow[5:] if each.reasons != ["the toy is out of reach"]]
+    assert (found[0].state, *found[0].reasons) == (StreamHealth.STARTING, "no sample has come yet")
+    assert found[-1].state == StreamHealth.LOST
+
+
 def test_of_a_lost_device_nobody_knows_contact_and_signal(start, ears, tmp_path):
     """Both were told over the link that is gone; the charge of its battery stays what it was."""
     health, away = ears.hear(StreamHealth, P1.topic("health"), qos.HEALTH), tmp_path / "away"

@@ -4,7 +4,8 @@
 frame is undecodable), `gap` (ten samples are missing), `time` (a frame, an event and a measurement of its clock have
 impossible device times), `config` (the configuration is wrong, found on connecting). Of a toy without a clock,
 `counted` tells the gap by its count, and `uncounted` has none. `stuck`: its link is lost while it is released. `long`:
-it says more of itself than anybody reads. `asked`: only on connecting it tells its rate, 125 Hz.
+it says more of itself than anybody reads. `asked`: only on connecting it tells its rate, 125 Hz. `slow`: it has a
+second stream, of 1 Hz, of which no sample comes.
 While the file that `TOY_AWAY` names exists, the toy is out of reach.
 """
 
@@ -37,6 +38,7 @@ from sense4hri.errors import ConfigError, DeviceLost, FrameError
 FS_HZ, ASKED_HZ, FRAME = 100.0, 125.0, 10
 FAULTS = frozenset(filter(None, os.environ.get("TOY_FAULTS", "").split(",")))
 ECG = Stream(FS_HZ, "uV", -1e6, 1e6, 24, ("ecg",))
+SLOW = {"temperature": Stream(1.0, "degC", 20.0, 40.0, 16, ("temperature",))} if "slow" in FAULTS else {}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,4 +108,4 @@ class Toy:
 
 
 if __name__ == "__main__":
-    sys.exit(run_driver("toy", Config, lambda config: {"ecg": ECG}, Toy))
+    sys.exit(run_driver("toy", Config, lambda config: {"ecg": ECG, **SLOW}, Toy))

@@ -2,6 +2,7 @@
 
 import struct
 import time
+from collections.abc import Callable
 
 import numpy as np
 from sense4hri.device import Samples
@@ -102,27 +103,51 @@ def vernier_belt() -> Played:
     return Played("driver-vernier, belt", 4 * in_half, lost, tally.came, tally.lost, codec_s)
 
 
+def two_way(ask: Callable[[float], int], at_s: float, random: np.random.Generator) -> list[tuple[int, int, int]]:
+    """Ask for a device's clock twelve times; each way over the network takes what packets take.
+
+    ask: what the clock says at a true time. Returns true times in ns of request and answer, and what was said.
+    """
+    asked = []
+    for _ in range(12):
+        there_s, back_s = random.gamma(2.0, 0.003, 2)
+        asked.append((round(at_s * SECOND_NS), round((at_s + there_s + back_s) * SECOND_NS), ask(at_s + there_s)))
+        at_s += there_s + back_s
+    return asked
+
+
 def pupil_core() -> Played:
     """Sizes of both pupils of a Core, a picture each; its clock is 40 ppm fast and begins anew in the middle.
 
-    What is lost of one eye is NaN, of both a row. How well its clock is known the exchange over the network decides.
+    What is lost of one eye is NaN, of both a row. Its clock is asked for every 2 s, over a network as slow as the
+    pictures': the shortest of twelve round trips counts.
     """
     from driver_pupil_labs.device import Told
+    from driver_pupil_labs.exchange import Asked, best
     from driver_pupil_labs.protocol import Gaze, Pupil, decode
     from driver_pupil_labs.streams import Known
+    from driver_pupil_labs.transport import CLOCK, EVERY_S, METHOD
     from sensor_bench.clock import DeviceClock
     from sensor_bench.pupil_core.capture import VirtualCapture
 
-    random, tally, known, codec_s = np.random.default_rng(5), Tally(120.0), Known(), 0.0
+    random, tally, known, codec_s, skew = np.random.default_rng(5), Tally(120.0), Known(), 0.0, 40e-6
+    network = np.random.default_rng(15)
     begun_ns, sent, lost, missed = 1_700_000_000 * SECOND_NS, 0, 0, 0
     for on_s, pupil_s in ((0.0, 4000.0), (SIGNAL_S / 2, 1.0)):
-        clock = DeviceClock(round(on_s * SECOND_NS), round(pupil_s * SECOND_NS), 40.0)
+        clock = DeviceClock(round(on_s * SECOND_NS), round(pupil_s * SECOND_NS), skew * 1e6)
         virtual, told = VirtualCapture(clock), Told(known)
         virtual.begin(on_s + 0.005)  # between a left and a right picture, and so ends the last of the steps
         known.connected()
         last = int(SIGNAL_S * 50 / 2) - 1
+
+        def ask(at_s: float, virtual: VirtualCapture = virtual) -> int:
+            return round(float(virtual.answer(list(CLOCK), at_s)) * SECOND_NS)
+
         for number in range(1, last + 1):
             at_s, kept = on_s + number * 0.02, []
+            if number % int(EVERY_S * 50) == 1:
+                told.measured = best([Asked(*each) for each in two_way(ask, at_s, network)], begun_ns, METHOD)
+                tally.measured(told.measured)
             careful = not 100 < number < last - 100  # what is lost at an end nobody can count
             for topic, payload in virtual.send(at_s):
                 picture = topic.endswith(b"3d") and topic.startswith(b"pupil")
@@ -143,16 +168,21 @@ def pupil_core() -> Played:
             for item in items:
                 if isinstance(item, Samples) and item.sensor_type == "pupillometry":
                     missed += int(np.isnan(item.chunk.samples[:, :2]).sum())
-                    tally.take(item)
+                    elapsed_ns = ((item.chunk.device_ns or 0) - clock.segments[0].device_ns) / (1 + skew)
+                    tally.take(item, begun_ns + round(on_s * SECOND_NS + elapsed_ns))
     came, counted = 2 * tally.came - missed, missed + 2 * tally.lost
-    return Played("driver-pupil-labs, Core sizes", sent, lost, came, counted, codec_s)
+    return Played("driver-pupil-labs, Core sizes", sent, lost, came, counted, codec_s, tally.settled_ms())
 
 
 def pupil_neon() -> Played:
-    """Gaze of a Neon, a datagram each: the phone's clock 40 ppm fast, an hour behind from the middle on; RTP wraps."""
-    from driver_pupil_labs import rtp
-    from driver_pupil_labs.companion_device import Told
-    from driver_pupil_labs.companion_link import Came
+    """Gaze of a Neon, a datagram each: the phone's clock 40 ppm fast, an hour behind from the middle on; RTP wraps.
+
+    Its clock is asked for every 5 s by the time echo, which tells whole ms, over a network as slow as the datagrams'.
+    """
+    from driver_pupil_labs import companion, rtp
+    from driver_pupil_labs.companion_device import ASK_S, Told
+    from driver_pupil_labs.companion_link import HALF_MS_NS, METHOD, Came
+    from driver_pupil_labs.exchange import Asked, best
     from driver_pupil_labs.streams import Known
     from sense4hri.arrivals import Arrival
     from sensor_bench.clock import DeviceClock
@@ -160,7 +190,11 @@ def pupil_neon() -> Played:
 
     random, tally, known, codec_s = np.random.default_rng(6), Tally(200.0), Known(), 0.0
     begun_ns, skew, half = 1_700_000_000 * SECOND_NS, 40e-6, int(SIGNAL_S / 0.04)
-    app = VirtualApp(DeviceClock(0, begun_ns, skew * 1e6))
+    app, network = VirtualApp(DeviceClock(0, begun_ns, skew * 1e6)), np.random.default_rng(16)
+
+    def ask(at_s: float) -> int:
+        return companion.decode_echo(bytes(8), app.echo(bytes(8), at_s)) + HALF_MS_NS
+
     for on_s, behind_s in ((0.0, 0.0), (SIGNAL_S / 2, 3600.0)):
         clock = app.clock = DeviceClock(round(on_s * SECOND_NS), begun_ns - round(behind_s * SECOND_NS), skew * 1e6)
         buffer, timeline, player = bytearray(), rtp.Timeline(90_000), Player(app, "gaze", on_s)
@@ -168,6 +202,9 @@ def pupil_neon() -> Played:
         known.connected()
         for number in range(1, half + 1):
             at_s = on_s + number * 0.02
+            if number % int(ASK_S * 50) == 1:
+                exchanges = [Asked(*each) for each in two_way(ask, at_s, network)]
+                tally.measured(best(exchanges, begun_ns, METHOD, HALF_MS_NS))
             app.loss = LOSS if 1 < number < half - 4 else 0.0  # what is lost at an end nobody can count
             buffer += player.send(at_s)
             received_ns = begun_ns + round((at_s + random.gamma(2.0, 0.003)) * SECOND_NS)

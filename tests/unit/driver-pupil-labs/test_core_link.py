@@ -7,7 +7,8 @@ import msgpack
 import pytest
 from driver_pupil_labs.config import PupilConfig
 from driver_pupil_labs.device import Core
-from driver_pupil_labs.transport import Asked, CaptureLink, best
+from driver_pupil_labs.exchange import Asked, best
+from driver_pupil_labs.transport import CaptureLink
 from listened import until
 from sense4hri.device import ClockMeasurement, Declared, Identity, Marked, Samples
 from sense4hri.errors import DeviceLost
@@ -137,12 +138,17 @@ def test_nobody_there_is_said_with_the_address():
 
 def test_the_shortest_round_trip_counts():
     """Of several exchanges the one that was quickest, at the middle of its round trip."""
-    measured = best([Asked(1000, 9000, 70), Asked(10_000, 10_400, 9100), Asked(20_000, 29_000, 0)], 0)
+    measured = best([Asked(1000, 9000, 70), Asked(10_000, 10_400, 9100), Asked(20_000, 29_000, 0)], 0, "")
     assert (measured.device_ns, measured.offset_ns) == (9100, 10_200 - 9100)
     assert measured.uncertainty_s == pytest.approx(200e-9)
 
 
+def test_what_a_clock_is_read_to_is_part_of_the_uncertainty():
+    """A clock that is told in whole ms may be half a ms off, however quick the answer is."""
+    assert best([Asked(0, 400, 9100)], 0, "", 500_000).uncertainty_s == pytest.approx(500_200e-9)
+
+
 def test_a_wall_clock_that_was_set_between_two_exchanges_spoils_none_of_them():
     """Round trips are of the monotonic clock; the offset is to the wall clock as it goes now."""
-    measured = best([Asked(1000, 1400, 500), Asked(20_000, 29_000, 0)], 7_000_000)
+    measured = best([Asked(1000, 1400, 500), Asked(20_000, 29_000, 0)], 7_000_000, "")
     assert (measured.received_ns, measured.offset_ns) == (7_029_000, 7_001_200 - 500)

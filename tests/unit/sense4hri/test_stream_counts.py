@@ -4,7 +4,7 @@ import math
 
 import pytest
 from sense4hri import health
-from sense4hri.health import StreamCounts
+from sense4hri.health import State, StreamCounts
 
 
 class Came:
@@ -43,12 +43,37 @@ def test_a_stream_is_silent_after_three_of_its_samples(came: Came, rate_hz: floa
     counts = came.every(rate_hz, 4)
     assert counts.measured_rate_hz() == pytest.approx(rate_hz)
     came.now_s += silent_s - 0.1
-    assert not counts.silent()
+    assert counts.state() is State.STREAMING
     came.now_s += 0.2
-    assert counts.silent()
+    assert counts.state() is State.LOST
+
+
+@pytest.mark.parametrize(("rate_hz", "patience_s"), [(130.0, 3.0), (1.0, 3.0), (0.2, 15.0)])
+def test_a_stream_of_a_device_that_has_just_begun_is_starting(came: Came, rate_hz: float, patience_s: float) -> None:
+    """Until its first sample, for as long as three of its samples may take and 3 s at least; then it is lost."""
+    counts = StreamCounts(nominal_hz=rate_hz)
+    came.now_s += 100.0  # the device is looked for
+    counts.begin()
+    came.now_s += patience_s - 0.1
+    assert counts.state() is State.STARTING
+    came.now_s += 0.2
+    assert counts.state() is State.LOST
+    counts.arrived(1)
+    assert counts.state() is State.STREAMING
+
+
+def test_a_slow_stream_of_a_device_that_is_back_is_starting(came: Came) -> None:
+    """What came before the device was lost says nothing of its stream since; it has as long as at first."""
+    counts = came.every(1.0, 4)
+    came.now_s += 60.0
+    counts.begin()
+    assert counts.state() is State.STARTING
+    came.now_s += 3.1
+    assert counts.state() is State.LOST
 
 
 def test_what_has_no_rate_is_never_silent(came: Came) -> None:
-    """Reports and irregular samples may take as long as they like; a stream that has not begun is silent."""
-    assert not StreamCounts(nominal_hz=0.0).silent()
-    assert StreamCounts(nominal_hz=1.0).silent()
+    """Reports and irregular samples may take as long as they like."""
+    counts = StreamCounts(nominal_hz=0.0)
+    came.now_s += 1000.0
+    assert counts.state() is State.STREAMING

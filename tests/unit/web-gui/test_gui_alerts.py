@@ -150,6 +150,17 @@ def test_a_sensor_that_has_not_been_found_is_told_after_a_minute():
         assert {entry.problem.alert for entry in log.lasting()} == ({"SensorNotFound"} if second >= 60 else set())
 
 
+def test_a_slow_stream_of_a_sensor_that_is_back_is_no_error_while_it_starts():
+    """Its driver says until when its rate allows that; what then is lost is told at once."""
+    study = Study()
+    stream = study.stream(ECG, NOW)
+    stream.take_health(HEALTH | {"state": 0, "reconnects_total": 1}, NOW)
+    assert {problem.alert for problem in problems(study, NOW)} <= {"SensorNotFound"}
+    assert stream.status(NOW) == "starting"
+    stream.take_health(HEALTH | {"state": 3, "reconnects_total": 1}, NOW)
+    assert "StreamSilent" in {problem.alert for problem in problems(study, NOW)}
+
+
 def test_a_machine_that_is_too_busy_is_one_sentence():
     """However many streams it delays; the latest of them is named."""
     study = Study(clock=NEVER_SET)

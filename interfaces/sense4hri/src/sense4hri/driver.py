@@ -174,10 +174,8 @@ class _Driver:
             outlet.publish_health(self._stream_state(outlet), self._link)
 
     def _stream_state(self, outlet: Outlet) -> State:
-        """Return the device's state, unless this stream alone is silent."""
-        if self._state is State.STREAMING and outlet.counts.silent():
-            return State.LOST
-        return self._state
+        """Return the device's state; while it streams, that of this stream alone."""
+        return outlet.counts.state() if self._state is State.STREAMING else self._state
 
     def _enter(self, state: State) -> None:
         self._state = state
@@ -198,8 +196,8 @@ class _Driver:
     def _take(self, item: Item) -> None:
         match item:
             case Samples():
-                self._outlets.of(item.sensor_type).publish(item)
                 self._streaming()
+                self._outlets.of(item.sensor_type).publish(item)
             case Reported():
                 self._report(item)
             case Marked():
@@ -226,6 +224,8 @@ class _Driver:
         if self._state is not State.STREAMING:
             self._service.log.info(f"{self._config.sensor_id}: streaming")
             self._link.reason = ""
+            for outlet in self._outlets.by_type.values():
+                outlet.counts.begin()
             self._enter(State.STREAMING)
 
     def _report(self, report: Reported) -> None:

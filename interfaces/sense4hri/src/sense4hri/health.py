@@ -27,7 +27,7 @@ class State(IntEnum):
 
 
 NOT_STREAMING = {
-    State.STARTING: "the driver is starting",
+    State.STARTING: "no sample has come yet",
     State.CONNECTING: "looking for the device",
     State.LOST: "connected, but no samples come",
     State.STOPPING: "the driver is stopping",
@@ -53,7 +53,7 @@ class StreamCounts:
 
     nominal_hz: the declared rate, 0 where there is none. loss_known: whether the newest samples tell what is missing;
     False until some have come. time_doubt: why the newest frame has no device time though its device sent one;
-    value_doubt: why it has NaN where its device sent a number.
+    value_doubt: why it has NaN where its device sent a number. begun_monotonic_s: since when its device streams.
     """
 
     nominal_hz: float = 0.0
@@ -67,8 +67,12 @@ class StreamCounts:
     time_doubt: str = ""
     value_doubt: str = ""
     latency_s: float = math.nan
+    begun_monotonic_s: float = -math.inf
     last_monotonic_s: float = -math.inf
     arrivals: deque[tuple[float, int]] = field(default_factory=deque)
+
+    def __post_init__(self) -> None:
+        self.begin()
 
     def arrived(self, n: int) -> None:
         """Count n samples that came now."""
@@ -78,10 +82,21 @@ class StreamCounts:
         self.arrivals.append((now, n))
         self._forget(now)
 
-    def silent(self) -> bool:
-        """Whether a stream of a rate has sent nothing for longer than is usual of it."""
-        silent_s = time.monotonic() - self.last_monotonic_s
-        return self.nominal_hz > 0 and silent_s > long_s(SILENCE_S, self.nominal_hz)
+    def begin(self) -> None:
+        """The device streams from now on; this stream of it may be slow."""
+        self.begun_monotonic_s = time.monotonic()
+
+    def state(self) -> State:
+        """Return the state of a stream whose device streams: lost where it is silent for longer than its rate allows.
+
+        Until then one that has sent nothing since the device began is starting. What has no rate always streams.
+        """
+        if self.nominal_hz <= 0:
+            return State.STREAMING
+        silent_s = time.monotonic() - max(self.begun_monotonic_s, self.last_monotonic_s)
+        if silent_s > long_s(SILENCE_S, self.nominal_hz):
+            return State.LOST
+        return State.STREAMING if self.last_monotonic_s >= self.begun_monotonic_s else State.STARTING
 
     def measured_rate_hz(self) -> float:
         """Return samples per second of host time over the last seconds; NaN where fewer than two frames came."""

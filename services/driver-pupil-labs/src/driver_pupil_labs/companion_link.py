@@ -12,10 +12,10 @@ from sense4hri.access import in_url
 from sense4hri.arrivals import Arrival, Arrivals
 from sense4hri.device import MESSAGE_S, ClockMeasurement
 from sense4hri.errors import DeviceLost, FrameError
-from sense4hri.stamps import SECOND_NS
 
 from driver_pupil_labs import companion, rtp, stamped
 from driver_pupil_labs.companion import Sensor, Status
+from driver_pupil_labs.exchange import Asked, best
 from driver_pupil_labs.rtp import Answer, Timeline
 
 ANSWER_S = 4.0
@@ -79,20 +79,15 @@ async def measure(host: str, port: int) -> ClockMeasurement:
                 found = [await _exchange(reader, writer) for _ in range(EXCHANGES)]
             finally:
                 writer.close()
-    round_trip_ns, middle_ns, device_ns = min(found)
-    middle_ns += time.time_ns() - time.monotonic_ns()  # as the wall clock goes now, also where it was set meanwhile
-    uncertainty_s = (round_trip_ns / 2 + HALF_MS_NS) / SECOND_NS
-    return ClockMeasurement(time.time_ns(), device_ns, middle_ns - device_ns, uncertainty_s, METHOD)
+    return best(found, time.time_ns() - time.monotonic_ns(), METHOD, HALF_MS_NS)
 
 
-async def _exchange(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> tuple[int, int, int]:
-    """Return round trip, host's monotonic clock in the middle of it and device's clock, in ns."""
+async def _exchange(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> Asked:
     octets = (time.time_ns() // 1_000_000).to_bytes(8, "big")
     sent_ns = time.monotonic_ns()
     writer.write(octets)
     answer = await reader.readexactly(16)
-    round_trip_ns = time.monotonic_ns() - sent_ns
-    return round_trip_ns, sent_ns + round_trip_ns // 2, companion.decode_echo(octets, answer) + HALF_MS_NS
+    return Asked(sent_ns, time.monotonic_ns(), companion.decode_echo(octets, answer) + HALF_MS_NS)
 
 
 @asynccontextmanager

@@ -15,6 +15,7 @@ from sense4hri.device import MESSAGE_S, ClockMeasurement, Identity
 from sense4hri.errors import DeviceLost
 from sense4hri.stamps import SECOND_NS
 
+from driver_pupil_labs.exchange import Asked, best
 from driver_pupil_labs.protocol import TOPICS
 
 ANSWER_S = 2.0  # within which Capture answers a request
@@ -35,31 +36,6 @@ class Heard(NamedTuple):
 
 
 Message = Heard | ClockMeasurement | Identity
-
-
-class Asked(NamedTuple):
-    """One exchange: host's monotonic clock at sending and at the answer, and Pupil's clock, all in ns."""
-
-    sent_ns: int
-    answered_ns: int
-    device_ns: int
-
-    @property
-    def round_trip_ns(self) -> int:
-        """Return how long it took."""
-        return self.answered_ns - self.sent_ns
-
-
-def best(exchanges: list[Asked], wall_ns: int) -> ClockMeasurement:
-    """Return what the exchange with the shortest round trip says; the truth lies within half of that.
-
-    wall_ns: what the wall clock shows now beyond the monotonic one. A clock that was set meanwhile spoils none of them.
-    """
-    shortest = min(exchanges, key=lambda each: each.round_trip_ns)
-    middle_ns = wall_ns + shortest.sent_ns + shortest.round_trip_ns // 2
-    half_s = shortest.round_trip_ns / 2 / SECOND_NS
-    offset_ns = middle_ns - shortest.device_ns
-    return ClockMeasurement(wall_ns + exchanges[-1].answered_ns, shortest.device_ns, offset_ns, half_s, METHOD)
 
 
 class CaptureLink:
@@ -155,7 +131,7 @@ class CaptureLink:
         self._exchanges.append(Asked(self._asked_ns, answered_ns, device_ns))
         if len(self._exchanges) < EXCHANGES:
             return []
-        measured, self._exchanges = best(self._exchanges, time.time_ns() - time.monotonic_ns()), []
+        measured, self._exchanges = best(self._exchanges, time.time_ns() - time.monotonic_ns(), METHOD), []
         self._clock_at_s = time.monotonic() + EVERY_S
         return [measured]
 

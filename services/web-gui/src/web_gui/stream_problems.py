@@ -49,7 +49,7 @@ def _silence(stream: Stream, now_ns: int) -> str:
     if status not in ("connecting", "starting"):
         return ""
     again = stream.raw_at_ns or (stream.health and int(stream.health.plain.get("reconnects_total", 0)) > 0)
-    return "StreamSilent" if again else "SensorNotFound"
+    return "StreamSilent" if again and status == "connecting" else "SensorNotFound"
 
 
 def _why_dead(streams: list[Stream], now_ns: int) -> str:
