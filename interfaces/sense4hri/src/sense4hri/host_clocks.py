@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 
 from sense4hri import clock_model
 from sense4hri.intake import LARGEST_DIFFERENCE_NS, LARGEST_PPM
+from sense4hri.modalities import MODALITIES
 from sense4hri.stamps import SECOND_NS, to_ns
 
 TOPIC = "/study/host_clocks"
 PROBES = "/study/clock_probes"
 MOST_HOSTS = 100
+MOST_SENSORS = 4096
 APART_S = 1e-3
 """Clocks of two hosts that differ by more are told: that is an alarm."""
 
@@ -129,3 +131,40 @@ class HostClocks:
         if not self.reference or not host or sanitised(host) in (self.reference, *self._entries):
             return ""
         return unmeasured(host, self.reference)
+
+
+class SensorHosts:
+    """The host of every sensor's driver, by the driver's own word: whose clock stamps what is told of the sensor.
+
+    Of MOST_SENSORS at once; a flood of made-up ones pushes out whoever was silent longest.
+    """
+
+    def __init__(self, clocks: HostClocks) -> None:
+        self.clocks = clocks
+        self._hosts: dict[str, str] = {}
+
+    def __len__(self) -> int:
+        return len(self._hosts)
+
+    def told(self, sensor_id: str, host: str) -> None:
+        """A driver says on which host it runs."""
+        self._hosts.pop(sensor_id, None)
+        self._hosts[sensor_id] = sanitised(host) if host else ""
+        if len(self._hosts) > MOST_SENSORS:
+            del self._hosts[next(iter(self._hosts))]
+
+    def host(self, sensor_id: str) -> str:
+        """Return the host that stamps; of a derived stream (`h10_1_ecg`) that of its source, empty where not known."""
+        if sensor_id in self._hosts:
+            return self._hosts[sensor_id]
+        sources = (sensor_id.removesuffix(f"_{kind}") for kind in MODALITIES if sensor_id.endswith(f"_{kind}"))
+        return next((self._hosts[source] for source in sources if source in self._hosts), "")
+
+    @overload
+    def reference_ns(self, sensor_id: str, host_ns: int) -> int: ...
+    @overload
+    def reference_ns(self, sensor_id: str, host_ns: NDArray[np.int64]) -> NDArray[np.int64]: ...
+    def reference_ns(self, sensor_id: str, host_ns: int | NDArray[np.int64]) -> int | NDArray[np.int64]:
+        """Return the reference host's time, ns, of a stamp of the sensor's driver; the same where nothing is known."""
+        host = self.host(sensor_id)
+        return self.clocks.reference_ns(host, host_ns) if host else host_ns
