@@ -98,6 +98,10 @@ class HostClocks:
         del known[bisect_right(known, clock.measured_at_ns, key=lambda one: one.measured_at_ns) :]
         known.append(clock)
 
+    def knows(self, host: str) -> bool:
+        """Return whether the clock of this host has been measured; that of the reference need not be."""
+        return bool(host) and sanitised(host) in self._entries
+
     def clock(self, host: str, host_ns: int) -> HostClock | None:
         """Return the entry that holds when this host's clock shows host_ns; None where nothing is known of it."""
         known = self._entries.get(sanitised(host))
@@ -111,7 +115,7 @@ class HostClocks:
     def reference_ns(self, host: str, host_ns: NDArray[np.int64]) -> NDArray[np.int64]: ...
     def reference_ns(self, host: str, host_ns: int | NDArray[np.int64]) -> int | NDArray[np.int64]:
         """Return the reference host's time, ns, when the clock of this host shows host_ns; the same where unknown."""
-        if sanitised(host) not in self._entries:
+        if not self.knows(host):
             return host_ns
         if isinstance(host_ns, np.ndarray):
             return self._many(sanitised(host), host_ns)
@@ -166,5 +170,4 @@ class SensorHosts:
     def reference_ns(self, sensor_id: str, host_ns: NDArray[np.int64]) -> NDArray[np.int64]: ...
     def reference_ns(self, sensor_id: str, host_ns: int | NDArray[np.int64]) -> int | NDArray[np.int64]:
         """Return the reference host's time, ns, of a stamp of the sensor's driver; the same where nothing is known."""
-        host = self.host(sensor_id)
-        return self.clocks.reference_ns(host, host_ns) if host else host_ns
+        return self.clocks.reference_ns(self.host(sensor_id), host_ns)

@@ -63,9 +63,17 @@ def judge_all(
         judgement.remark(notes.trouble)
     for remark in found.source.remarks:
         judgement.remark(remark)
+    for remark in _unmeasured(found):
+        judgement.remark(remark)
     for remark in not_recorded(notes.refused):
         judgement.remark(remark)
     return judgement
+
+
+def _unmeasured(found: Findings) -> list[str]:
+    """Whose clocks nobody has measured, of the hosts of drivers."""
+    hosts = {found.sensor_hosts.host(name.sensor_id) for name, stream in found.streams.items() if stream.raw}
+    return list(filter(None, map(found.sensor_hosts.clocks.doubt, sorted(hosts))))
 
 
 def _judge_others(found: Findings, window: Window, streams: set[str], judgement: Judgement) -> None:
