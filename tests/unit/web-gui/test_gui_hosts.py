@@ -13,7 +13,7 @@ from web_gui.steady import Steady
 from web_gui.stream import Info
 
 NOW = 1_700_000_000 * S
-AHEAD_NS = {"lab_a": 0, "lab_b": 3_000_000_000, "lab_c": -800_000_000}  # of the clock of each host
+AHEAD_NS = {"lab_a": 0, "lab_b": 3 * S, "lab_c": -800_000_000, "lab_d": 12 * S}  # of the clock of each host
 EVENT_S = 10
 WINDOW_NS = 60 * S
 
@@ -28,11 +28,11 @@ def clocks(*hosts):
 
 @pytest.fixture
 def study(monkeypatch):
-    """The page runs on lab_c; lab_b and lab_c have been measured."""
+    """The page runs on lab_c; lab_b, lab_c and lab_d have been measured."""
     monkeypatch.setenv("SENSE4HRI_HOST", "lab-c")
     page_ns = NOW + AHEAD_NS["lab_c"]
     study = Study(clock=Steady(lambda: page_ns, lambda: page_ns))
-    study.hosts.take(clocks("lab_b", "lab_c"), study.clock.now_ns())
+    study.hosts.take(clocks("lab_b", "lab_c", "lab_d"), study.clock.now_ns())
     return study
 
 
@@ -49,7 +49,8 @@ def play(study, sensor_id, host, device, seconds=20, told_first=True):
             stream.take_health(health, now_ns)
         signal = np.zeros((10, 1))
         signal[-1] = second == EVENT_S
-        stream.raw(Chunk(("eda",), signal, 100 * S + second * S if device else None, host_ns), now_ns)
+        chunk = Chunk(("eda",), signal, 100 * S + second * S if device else None, host_ns)
+        study.take_raw(name, chunk, now_ns)
         if device:
             offset_ns = host_ns - (100 * S + second * S)
             model = {"device_reference": 0, "offset_ns": offset_ns, "skew_ppm": 0.0, "segment": 1}
@@ -71,11 +72,12 @@ def test_an_event_at_one_true_time_stands_at_one_place(study, device):
         assert abs(event_ns(stream) - (NOW - (19 - EVENT_S) * S)) < 5_000_000, host
 
 
-@pytest.mark.parametrize("host", ["lab_a", "lab_b", "lab_c"])
+@pytest.mark.parametrize("host", ["lab_a", "lab_b", "lab_c", "lab_d"])
 def test_no_host_makes_its_data_late(study, host):
     """The delay is that of the way, whichever clocks the driver's host and the page's have; nothing is a replay."""
     stream = play(study, "s_1", host, True)
     assert abs(stream.delays.p99_s(NOW + AHEAD_NS["lab_c"])) < 5e-3
+    assert not study.axis.replaying(NOW + AHEAD_NS["lab_c"])
     assert abs(study.axis.now_ns(NOW + AHEAD_NS["lab_c"]) - NOW) < 5_000_000
 
 

@@ -102,7 +102,7 @@ class Findings:
     rhythms: dict[str, Rhythm] = field(default_factory=dict)
     hosts: dict[str, HostWatch] = field(default_factory=dict)
     sensor_hosts: SensorHosts = field(default_factory=lambda: SensorHosts(HostClocks(history=True)))
-    """Whose clock stamps what of a sensor; all times but those of receipt by the recorder are led to the reference's."""
+    """Whose clock stamps what of a sensor; all times but the recorder's receipts are led to the reference's."""
     markers: list[Marker] = field(default_factory=list)
     markers_total: int = 0
     phases: list[Phase] = field(default_factory=list)

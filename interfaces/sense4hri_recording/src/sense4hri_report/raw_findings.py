@@ -103,7 +103,7 @@ class RawFindings:
         return self.frame / self.rate_hz if self.rate_hz else 0.0
 
     def move(self, to_reference: Callable[[int], int]) -> None:
-        """Lead all times to those of another clock: from the driver's host's to the reference's. Not those of receipt."""
+        """Lead all times but the recorder's receipts from the clock of the driver's host to the reference's."""
         self.first_ns, self.last_ns = (at_ns and to_reference(at_ns) for at_ns in (self.first_ns, self.last_ns))
         for hole in self.holes:
             hole.from_ns, hole.to_ns = to_reference(hole.from_ns), to_reference(hole.to_ns)

@@ -49,10 +49,11 @@ def judge_all(
             judgement.gaps(pause.sentence)
     for step in steps:
         if window.meets(step.before_ns, step.after_ns):
-            judgement.gaps(
-                f"the clock of {step.host} was set by {step.step_ns * 1e-9:+.3f} s, {at(step.after_ns, window)}: "
-                "times before and after do not agree"
-            )
+            measured = found.sensor_hosts.clocks.knows(step.host)
+            apart = "times before and after do not agree"
+            doubt = "within seconds of it its times are less certain" if measured else apart
+            set_by = f"the clock of {step.host} was set by {step.step_ns * 1e-9:+.3f} s"
+            judgement.gaps(f"{set_by}, {at(step.after_ns, window)}: {doubt}")
     if session is None:
         judgement.remark(
             "this is no session: what was recorded outside of one, judged from its first to its last message"

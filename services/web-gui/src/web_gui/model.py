@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Iterable
 from typing import NamedTuple
 
+from sense4hri.chunk import Chunk
 from sense4hri.modalities import MODALITIES
 from sense4hri.names import UNASSIGNED, StreamName
 from sense4hri.stamps import SECOND_NS
@@ -98,6 +99,11 @@ class Study:
         found = self.streams.get(name)
         if found and not found.has_raw and any(s[1:] == name[1:] and s != name for s in self.streams):
             self._forget(name)
+
+    def take_raw(self, name: StreamName, chunk: Chunk, now_ns: int) -> None:
+        """Take one raw message of a stream."""
+        self.axis.saw(self.hosts.sensors.reference_ns(name.sensor_id, chunk.received_ns), now_ns)
+        self.stream(name, now_ns).raw(chunk, now_ns)
 
     def take_state(self, human_id: str, plain: Plain, now_ns: int) -> None:
         """Take a fused state."""

@@ -147,7 +147,7 @@ class Stream:
     def take_clock(self, plain: Plain, now_ns: int) -> None:
         """Take a clock model, and lead it on to the reference host's time."""
         if stamp_ns := _stamp_ns(plain):
-            plain = plain | {"offset_ns": plain["offset_ns"] + self._to_reference(stamp_ns) - stamp_ns}
+            plain = {**plain, "offset_ns": plain["offset_ns"] + self._to_reference(stamp_ns) - stamp_ns}
         self.clock = Fresh(plain, now_ns)
         if (latency_s := number(plain.get("latency_s"))) is not None:
             self.latencies.append(latency_s)
