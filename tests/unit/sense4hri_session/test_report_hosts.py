@@ -108,6 +108,28 @@ def test_a_host_that_nobody_measured_is_named(study):
     ]
 
 
+def test_events_and_what_a_driver_said_are_where_they_were(study):
+    """A repeated message and a lost link, 0.8 s off by the driver's host: both to 2 ms."""
+    play(study, EDA, "lab_b", True)
+    raw = [message for message in study.messages if message[2].endswith("/raw")][200]
+    study.add(raw[2], "PhysioRaw", raw[0] + 1, **raw[4])
+    lost = [message for message in study.messages if message[2].endswith("/health")][20]
+    lost[4]["state"] = 3
+    about = entry(report(study)[1], EDA)
+    assert from_start(about["events"]) == pytest.approx([(raw[0] - at(0.01)) / SECOND], abs=2e-3)
+    (span,) = about["driver"]["not_streaming"]
+    assert span["from"]["since_start_s"] == pytest.approx((lost[0] - at(-0.02)) / SECOND, abs=2e-3)
+
+
+def test_a_sensor_on_another_host_changes_hands_when_it_did(study):
+    """Nothing is said of it by the registry: the last sample of the one wearer is where it was."""
+    play(study, EDA, "lab_b", True)
+    before, after = f"/{EDA}/", f"/p3/{EDA.partition('/')[2]}/"
+    study.messages = [(*m[:2], m[2].replace(before, after), *m[3:]) if m[0] > at(20.05) else m for m in study.messages]
+    (moved,) = [event for event in report(study)[1]["events"] if event["source"] == "wearer"]
+    assert moved["since_start_s"] == pytest.approx(20.02, abs=2e-3)
+
+
 def test_the_step_of_a_measured_hosts_clock_is_where_it_was(study):
     """Set 2 s ahead at 15 s: the samples go on where they were, and the step is told of the time at which it was."""
     play(study, EDA, "lab_b", True, step_s=2.0)
