@@ -79,18 +79,25 @@ def _unmeasured(found: Findings) -> list[str]:
 
 def _judge_others(found: Findings, window: Window, streams: set[str], judgement: Judgement) -> None:
     """What lacks messages besides the streams: markers, features and states are missed, others are told together."""
-    strangers = []
+    strangers, superseded = [], dict[str, int]()
     for topic in sorted({*found.notes.by_topic, *found.undecodable} - streams):
         own = Judgement()
         if undecodable := found.undecodable.get(topic):
             own.gaps(f"{counted(undecodable, 'message')} cannot be decoded")
+        transport = transport_entry(found, topic, window)
         if not topic.endswith(NEWEST_SAYS_ALL):
-            judge_transport(transport_entry(found, topic, window) | {"missed_at_start": None}, window, None, own)
+            judge_transport(transport | {"missed_at_start": None}, window, None, own)
+        elif transport["lost"]:
+            superseded[topic] = transport["lost"]
         if topic.startswith((f"{ROOT}/", "/study/")):
             for problem in own.problems:
                 judgement.gaps(f"{topic}: {problem.sentence}")
         elif own.problems:
             strangers.append(topic)
+    if superseded:
+        number, first = counted(sum(superseded.values()), "message"), next(iter(superseded))
+        more = f" and {len(superseded) - 1} more" if len(superseded) > 1 else ""
+        judgement.remark(f"{number} of {first}{more} sent and not recorded, of which newer ones say all: no loss")
     if strangers:
         more = f" and {len(strangers) - 1} more" if len(strangers) > 1 else ""
         judgement.remark(f"messages of {strangers[0]}{more} were lost: the topics' table says how many")
