@@ -98,6 +98,10 @@ def test_a_stamp_is_of_the_host_on_which_the_sensors_driver_runs():
     sensors.told("h10_1", "Lab-B")
     sensors.told("h10_2", "")
     assert [sensors.reference_ns(name, T0_NS) - T0_NS for name in ("h10_1", "h10_1_ecg", "h10_2", "x")] == [5, 5, 0, 0]
+    sensors.registered("h10_1", "lab_c")
+    assert sensors.host("h10_1") == "lab_b"
+    sensors.registered("h10_2", "lab_c")
+    assert sensors.host("h10_2") == "lab_c"
     sensors.told("h10_1", "lab_a")
     assert sensors.reference_ns("h10_1", T0_NS) == T0_NS
 

@@ -108,6 +108,18 @@ def test_a_host_that_nobody_measured_is_named(study):
     ]
 
 
+def test_the_registry_names_the_host_of_a_driver_that_does_not(study):
+    """As the exports ask it: first samples lie side by side."""
+    for key, host in ((ECG, "lab_a"), (EDA, "lab_b")):
+        play(study, key, host, True)
+    study.messages = [message for message in study.messages if not message[2].endswith("/health")]
+    about = [study.sensor(EDA, 130.0, "uS", ["c"], 12, host="lab-b")]
+    study.add("/study/sensors", "SensorInfoArray", at(-2), sensors=about)
+    summary = report(study)[1]
+    firsts = [entry(summary, key)["first"]["since_start_s"] for key in (ECG, EDA)]
+    assert firsts[0] == pytest.approx(firsts[1], abs=2e-3)
+
+
 def test_events_and_what_a_driver_said_are_where_they_were(study):
     """A repeated message and a lost link, 0.8 s off by the driver's host: both to 2 ms."""
     play(study, EDA, "lab_b", True)

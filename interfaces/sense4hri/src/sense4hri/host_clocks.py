@@ -138,7 +138,7 @@ class HostClocks:
 
 
 class SensorHosts:
-    """The host of every sensor's driver, by the driver's own word: whose clock stamps what is told of the sensor.
+    """The host of every sensor's driver, by its own word, else the registry's: whose clock stamps what it tells.
 
     Of MOST_SENSORS at once; a flood of made-up ones pushes out whoever was silent longest.
     """
@@ -156,6 +156,11 @@ class SensorHosts:
         self._hosts[sensor_id] = sanitised(host) if host else ""
         if len(self._hosts) > MOST_SENSORS:
             del self._hosts[next(iter(self._hosts))]
+
+    def registered(self, sensor_id: str, host: str) -> None:
+        """The registry says it; the driver's own word counts more."""
+        if not self._hosts.get(sensor_id):
+            self.told(sensor_id, host)
 
     def host(self, sensor_id: str) -> str:
         """Return the host that stamps; of a derived stream (`h10_1_ecg`) that of its source, empty where not known."""

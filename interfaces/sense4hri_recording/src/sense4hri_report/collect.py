@@ -265,6 +265,7 @@ class _Pass:
         message = self._decode(record)
         for sensor in [] if message is None else message.sensors:
             self._found.sensors[sensor.sensor_id, sensor.sensor_type] = sensor
+            self._found.sensor_hosts.registered(sensor.sensor_id, str(getattr(sensor, "host", "")))
             for name, stream in self._found.streams.items():
                 if (name.sensor_id, name.sensor_type) == (sensor.sensor_id, sensor.sensor_type):
                     stream.sensor = sensor
