@@ -39,6 +39,8 @@ class Account(NamedTuple):
     told_lost: int
     received_s: list[float]
     """The recorder's clock when each message came."""
+    last_s: float
+    """When the last sample was taken, as the report has it."""
 
 
 class HostsStudy:
@@ -80,19 +82,19 @@ class HostsStudy:
     def accounts(self) -> dict[str, Account]:
         """Return the account of every stream, from the recording and from its report."""
         report = summarise(collect([self._folder()]), time.time_ns())
-        told = {entry["stream"]: entry["lost_samples"] for entry in report["streams"] if "lost_samples" in entry}
+        told = {entry["stream"]: entry for entry in report["streams"] if "lost_samples" in entry}
         numbers: dict[str, list[float]] = defaultdict(list)
         received: dict[str, list[float]] = defaultdict(list)
         for record in self._reader().messages([f"/humans/physiological/p1/ecg/{sensor}/raw" for sensor in SENSORS]):
             raw, sensor = read_raw(record.data), record.topic.split("/")[5]
             numbers[sensor] += raw.samples[:, 0].tolist()
             received[sensor].append(record.log_ns / SECOND)
-        return {
-            sensor: Account(
-                round(max(values) - min(values)) + 1, len(set(values)), told[f"p1/ecg/{sensor}"], received[sensor]
-            )
-            for sensor, values in numbers.items()
-        }
+        found = {}
+        for sensor, values in numbers.items():
+            entry, span = told[f"p1/ecg/{sensor}"], round(max(values) - min(values)) + 1
+            last_s = entry["last"]["ros_ns"] / SECOND
+            found[sensor] = Account(span, len(set(values)), entry["lost_samples"], received[sensor], last_s)
+        return found
 
     def host_errors(self, host: str) -> list[tuple[float, float]]:
         """Return by how much each LOCKED entry of `/study/host_clocks` was off where measured, and may be, in s."""

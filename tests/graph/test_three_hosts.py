@@ -43,6 +43,7 @@ def test_what_arrives_and_what_is_told_lost_is_all_through_partitions_and_steps(
     for sensor, account in study.accounts().items():
         assert account.arrived + account.told_lost == account.span, (sensor, account[:3])
         assert account.span > 3000, sensor
+        assert account.last_s <= account.received_s[-1], f"{sensor} taken after it came: by a clock 2.25 s ahead"
         for moment_s in healed_s:
             came_s = min(at_s for at_s in account.received_s if at_s > moment_s)
             assert came_s - moment_s <= RECOVERY_S, f"{sensor} came {came_s - moment_s:.1f} s after healing"

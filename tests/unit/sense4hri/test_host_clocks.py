@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from sense4hri.clock_model import ros_ns
-from sense4hri.host_clocks import HostClocks, sanitised, this_host
+from sense4hri.host_clocks import MOST_SENSORS, HostClocks, SensorHosts, sanitised, this_host
 from sense4hri.stamps import SECOND_NS
 
 T0_NS = 1_700_000_000 * SECOND_NS
@@ -88,3 +88,30 @@ def test_a_study_file_names_the_host(monkeypatch):
     assert this_host() == "lab-b"
     monkeypatch.delenv("SENSE4HRI_HOST")
     assert this_host()
+
+
+def test_a_stamp_is_of_the_host_on_which_the_sensors_driver_runs():
+    """Also that of a derived stream; of a sensor nobody has told of it stays, also where a host is called `host`."""
+    sensors = SensorHosts(HostClocks())
+    sensors.clocks.take(array("lab_b", 5, 0.0, T0_NS))
+    sensors.clocks.take(array("host", 7, 0.0, T0_NS))
+    sensors.told("h10_1", "Lab-B")
+    sensors.told("h10_2", "")
+    assert [sensors.reference_ns(name, T0_NS) - T0_NS for name in ("h10_1", "h10_1_ecg", "h10_2", "x")] == [5, 5, 0, 0]
+    sensors.registered("h10_1", "lab_c")
+    assert sensors.host("h10_1") == "lab_b"
+    sensors.registered("h10_2", "lab_c")
+    assert sensors.host("h10_2") == "lab_c"
+    sensors.told("h10_1", "lab_a")
+    assert sensors.reference_ns("h10_1", T0_NS) == T0_NS
+
+
+def test_a_flood_of_sensors_pushes_out_the_silent_ones():
+    """What is heard of again and again stays known; memory is bounded."""
+    sensors = SensorHosts(HostClocks())
+    for number in range(3 * MOST_SENSORS):
+        if number % (MOST_SENSORS - 1) == 0:
+            sensors.told("h10_1", "lab_b")
+        sensors.told(f"made_up_{number}", "nowhere")
+        assert sensors.host("h10_1") == "lab_b"
+    assert len(sensors) == MOST_SENSORS

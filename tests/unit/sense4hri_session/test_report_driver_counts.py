@@ -22,5 +22,5 @@ def test_what_the_driver_no_longer_knows_is_not_known(told, lost):
     """(samples_total, lost_samples_total) of each account: -1 last is not known, in between it is no loss."""
     watch = HealthWatch(Axis(0, 10**10))
     for samples, missing in told:
-        watch.take(StreamHealth(samples_total=samples, lost_samples_total=missing))
+        watch.take(StreamHealth(samples_total=samples, lost_samples_total=missing), 0)
     assert watch.counted("lost_samples_total") == lost

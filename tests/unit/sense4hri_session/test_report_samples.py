@@ -256,3 +256,20 @@ def test_a_wrong_declared_rate_makes_no_gaps_where_the_device_gives_no_time(stud
     found = entry(make_report(finish(study, session=told(required_streams=[ECG_TOPIC]))), ECG)
     assert (found["verdict"], found["gaps_total"], found["problems"]) == ("complete", 0, [])
     assert any("declared as" in remark for remark in found["remarks"]) == (declared_hz != true_hz)
+
+
+def test_lost_messages_that_newer_ones_make_up_for_are_a_remark_of_all_of_them(study):
+    """The session is complete; how many, and of how many topics, is told: no topic with a loss goes unmentioned."""
+    for key in (ECG, EDA):
+        stream(study, key)
+        for second in range(30):
+            health(study, key, second, 5)
+    loss = {"after_ns": at(3.0), "before_ns": at(6.0), "cause": "middleware"}
+    lost = [
+        (topic.replace("/raw", "/health"), {"lost": count, "losses": [loss | {"count": count}]})
+        for topic, count in ((ECG_TOPIC, 3), (EDA_TOPIC, 4))
+    ]
+    summary = make_report(finish(study, session=told(), lost=lost))
+    assert summary["verdict"] == "complete"
+    said = f"7 messages of {ECG_TOPIC.replace('/raw', '/health')} and 1 more sent and not recorded"
+    assert summary["remarks"] == [f"{said}, of which newer ones say all: no loss"]

@@ -37,7 +37,8 @@ CLOCK = {
     "segment": 1,
     "state": 1,
 }
-HOST = {"host": "lab_b", "reference": "lab_a", "offset_ns": 400_000, "round_trip_s": 4e-4, "state": 1}
+MEASURED = {"measured_at": SimpleNamespace(sec=NOW // S, nanosec=0), "skew_ppm": 0.0, "uncertainty_s": 1e-4}
+HOST = {"host": "lab_b", "reference": "lab_a", "offset_ns": 400_000, "round_trip_s": 4e-4, "state": 1} | MEASURED
 FEATURES = {"signal_quality": 0.9, "reasons": [], "peak_timestamps": []}
 
 

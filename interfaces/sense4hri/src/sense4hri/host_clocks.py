@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 
 from sense4hri import clock_model
 from sense4hri.intake import LARGEST_DIFFERENCE_NS, LARGEST_PPM
+from sense4hri.modalities import MODALITIES
 from sense4hri.stamps import SECOND_NS, to_ns
 
 TOPIC = "/study/host_clocks"
 PROBES = "/study/clock_probes"
 MOST_HOSTS = 100
+MOST_SENSORS = 4096
 APART_S = 1e-3
 """Clocks of two hosts that differ by more are told: that is an alarm."""
 
@@ -96,6 +98,10 @@ class HostClocks:
         del known[bisect_right(known, clock.measured_at_ns, key=lambda one: one.measured_at_ns) :]
         known.append(clock)
 
+    def knows(self, host: str) -> bool:
+        """Return whether the clock of this host has been measured; that of the reference need not be."""
+        return bool(host) and sanitised(host) in self._entries
+
     def clock(self, host: str, host_ns: int) -> HostClock | None:
         """Return the entry that holds when this host's clock shows host_ns; None where nothing is known of it."""
         known = self._entries.get(sanitised(host))
@@ -109,7 +115,7 @@ class HostClocks:
     def reference_ns(self, host: str, host_ns: NDArray[np.int64]) -> NDArray[np.int64]: ...
     def reference_ns(self, host: str, host_ns: int | NDArray[np.int64]) -> int | NDArray[np.int64]:
         """Return the reference host's time, ns, when the clock of this host shows host_ns; the same where unknown."""
-        if sanitised(host) not in self._entries:
+        if not self.knows(host):
             return host_ns
         if isinstance(host_ns, np.ndarray):
             return self._many(sanitised(host), host_ns)
@@ -129,3 +135,44 @@ class HostClocks:
         if not self.reference or not host or sanitised(host) in (self.reference, *self._entries):
             return ""
         return unmeasured(host, self.reference)
+
+
+class SensorHosts:
+    """The host of every sensor's driver, by its own word, else the registry's: whose clock stamps what it tells.
+
+    Of MOST_SENSORS at once; a flood of made-up ones pushes out whoever was silent longest.
+    """
+
+    def __init__(self, clocks: HostClocks) -> None:
+        self.clocks = clocks
+        self._hosts: dict[str, str] = {}
+
+    def __len__(self) -> int:
+        return len(self._hosts)
+
+    def told(self, sensor_id: str, host: str) -> None:
+        """A driver says on which host it runs."""
+        self._hosts.pop(sensor_id, None)
+        self._hosts[sensor_id] = sanitised(host) if host else ""
+        if len(self._hosts) > MOST_SENSORS:
+            del self._hosts[next(iter(self._hosts))]
+
+    def registered(self, sensor_id: str, host: str) -> None:
+        """The registry says it; the driver's own word counts more."""
+        if not self._hosts.get(sensor_id):
+            self.told(sensor_id, host)
+
+    def host(self, sensor_id: str) -> str:
+        """Return the host that stamps; of a derived stream (`h10_1_ecg`) that of its source, empty where not known."""
+        if sensor_id in self._hosts:
+            return self._hosts[sensor_id]
+        sources = (sensor_id.removesuffix(f"_{kind}") for kind in MODALITIES if sensor_id.endswith(f"_{kind}"))
+        return next((self._hosts[source] for source in sources if source in self._hosts), "")
+
+    @overload
+    def reference_ns(self, sensor_id: str, host_ns: int) -> int: ...
+    @overload
+    def reference_ns(self, sensor_id: str, host_ns: NDArray[np.int64]) -> NDArray[np.int64]: ...
+    def reference_ns(self, sensor_id: str, host_ns: int | NDArray[np.int64]) -> int | NDArray[np.int64]:
+        """Return the reference host's time, ns, of a stamp of the sensor's driver; the same where nothing is known."""
+        return self.clocks.reference_ns(self.host(sensor_id), host_ns)

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
+import numpy as np
+from numpy.typing import NDArray
 from sense4hri.cdr import read_raw
 from sense4hri.host_account import HostAccount
+from sense4hri.host_clocks import TOPIC as HOST_CLOCKS
+from sense4hri.host_clocks import HostClocks, SensorHosts
 from sense4hri.names import ROOT, StreamName
 from sense4hri.stamps import to_ns
 from sense4hri.stream_info import can_be_rate
@@ -40,10 +45,12 @@ class Marker:
     """One marker; at_ns is the event itself, of a marker without a stamp its receipt by the recorder.
 
     That of a sensor lies where the sensor's samples do, once `Epochs` have told (device_ns: 0 = no device time).
+    on_host: until `_to_reference` has gone over it, at_ns is of the sensor's driver's host.
     """
 
     def __init__(self, message: Any, log_ns: int) -> None:
         self.at_ns = to_ns(message.header.stamp) or log_ns
+        self.on_host = to_ns(message.header.stamp) != 0
         self.device_ns = to_ns(message.device_timestamp)
         self.name, self.value = message.name, message.value
         self.source, self.human_id = message.source, message.human_id
@@ -94,6 +101,8 @@ class Findings:
     streams: dict[StreamName, StreamFindings] = field(default_factory=dict)
     rhythms: dict[str, Rhythm] = field(default_factory=dict)
     hosts: dict[str, HostWatch] = field(default_factory=dict)
+    sensor_hosts: SensorHosts = field(default_factory=lambda: SensorHosts(HostClocks(history=True)))
+    """Whose clock stamps what of a sensor; all times but the recorder's receipts are led to the reference's."""
     markers: list[Marker] = field(default_factory=list)
     markers_total: int = 0
     phases: list[Phase] = field(default_factory=list)
@@ -136,11 +145,27 @@ def _collect(folders: Sequence[Path], progress: Progress) -> Findings:
             passing.learn_epoch(stream)
         if stream.picture is not None:
             stream.picture.flush()
+    _to_reference(found)
     ours = any(topic.startswith((ROOT + "/", "/study/")) for topic in source.topics)
     if not ours and notes.session is None:
         what = f"{len(source.topics)} topics, none of them" if source.topics else "no message"
         raise SessionError(f"{source.folder} holds {what} under {ROOT} or /study: no recording of a study")
     return found
+
+
+def _to_reference(found: Findings) -> None:
+    """Lead what was found by the clock of each driver's host to the reference host's time, by all that was recorded."""
+    hosts = found.sensor_hosts
+    for name, stream in found.streams.items():
+        if stream.raw is not None:
+            stream.raw.move(partial(hosts.reference_ns, name.sensor_id))
+    found.wearers.move(hosts.reference_ns)
+    for marker in found.markers:
+        if marker.on_host:
+            marker.at_ns = hosts.reference_ns(marker.source, marker.at_ns)
+    for host in found.hosts.values():
+        if host.host != found.notes.host and hosts.clocks.knows(host.host):
+            host.steps = [step.moved(partial(hosts.clocks.reference_ns, host.host)) for step in host.steps]
 
 
 class _Pass:
@@ -149,6 +174,7 @@ class _Pass:
     def __init__(self, found: Findings) -> None:
         self._found, self._source, self._axis = found, found.source, found.axis
         self._parsed: dict[str, tuple[StreamName, str] | None] = {}
+        self._newest = HostClocks()  # places at once what is only drawn, and need not wait for what is recorded later
         self._waiting: dict[str, list[Marker]] = {}  # those that a sensor told whose clock is not known yet
 
     def take(self, record: Record) -> None:
@@ -174,6 +200,8 @@ class _Pass:
             self._sensor_list(record)
         elif record.topic == "/study/assignments":
             self._assignments(record)
+        elif record.topic == HOST_CLOCKS:
+            self._host_clocks(record)
 
     def _stream(self, name: StreamName, field_name: str, record: Record) -> None:
         stream = self._found.streams.get(name)
@@ -195,7 +223,8 @@ class _Pass:
             picture = stream.picture = Picture(self._axis)
 
             def draw(placed: Placed) -> None:
-                picture.add(placed.times_ns, placed.channels, placed.samples, placed.fresh)
+                times_ns = self._placed_ns(stream.name, placed.times_ns)
+                picture.add(times_ns, placed.channels, placed.samples, placed.fresh)
 
             account = stream.raw = RawAccount(declared_hz(stream), draw)
         try:
@@ -208,7 +237,8 @@ class _Pass:
     def _health(self, stream: StreamFindings, message: Any) -> None:
         if stream.health is None:
             stream.health = HealthWatch(self._axis)
-        stream.health.take(message)
+        self._found.sensor_hosts.told(stream.name.sensor_id, message.host)
+        stream.health.take(message, self._placed_ns(stream.name, to_ns(message.header.stamp)))
         self.learn_epoch(stream)
         if stream.raw is not None and stream.raw.declared_hz is None:
             stream.raw.declared_hz = stream.health.nominal_hz
@@ -222,19 +252,20 @@ class _Pass:
     def _clock(self, stream: StreamFindings, message: Any) -> None:
         if stream.clock is None:
             stream.clock = ClockWatch(self._axis)
-        model = stream.clock.take(message)
+        model = stream.clock.take(message, self._placed_ns(stream.name, to_ns(message.header.stamp)))
         if model is not None and stream.raw is not None:
             stream.raw.model(model)
 
     def _features(self, stream: StreamFindings, message: Any) -> None:
         if stream.features is None:
             stream.features = FeatureWatch(self._axis)
-        stream.features.take(message)
+        stream.features.take(message, self._placed_ns(stream.name, to_ns(message.header.stamp)))
 
     def _sensor_list(self, record: Record) -> None:
         message = self._decode(record)
         for sensor in [] if message is None else message.sensors:
             self._found.sensors[sensor.sensor_id, sensor.sensor_type] = sensor
+            self._found.sensor_hosts.registered(sensor.sensor_id, str(getattr(sensor, "host", "")))
             for name, stream in self._found.streams.items():
                 if (name.sensor_id, name.sensor_type) == (sensor.sensor_id, sensor.sensor_type):
                     stream.sensor = sensor
@@ -267,7 +298,22 @@ class _Pass:
         own = [stream for name, stream in self._found.streams.items() if name.sensor_id == sensor_id]
         known = [stream.epochs for stream in own if stream.raw is not None and stream.epochs.learn(stream.raw)]
         for marker in self._waiting.pop(sensor_id, []) if known else ():
-            marker.at_ns = marked_ns(known, marker.device_ns, marker.at_ns)
+            told_ns, marker.at_ns = marker.at_ns, marked_ns(known, marker.device_ns, marker.at_ns)
+            marker.on_host |= marker.at_ns != told_ns
+
+    def _host_clocks(self, record: Record) -> None:
+        message = self._decode(record)
+        if message is not None:
+            self._found.sensor_hosts.clocks.take(message)
+            self._newest.take(message)
+
+    @overload
+    def _placed_ns(self, name: StreamName, host_ns: int) -> int: ...
+    @overload
+    def _placed_ns(self, name: StreamName, host_ns: NDArray[np.int64]) -> NDArray[np.int64]: ...
+    def _placed_ns(self, name: StreamName, host_ns: int | NDArray[np.int64]) -> int | NDArray[np.int64]:
+        """Return the reference host's time of a stamp of the driver's host, by what is known so far."""
+        return self._newest.reference_ns(self._found.sensor_hosts.host(name.sensor_id), host_ns)
 
     def _session(self, record: Record) -> None:
         message = self._decode(record)

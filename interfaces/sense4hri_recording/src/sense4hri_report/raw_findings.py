@@ -102,6 +102,13 @@ class RawFindings:
         """Length of the newest message in s; 0 where irregular."""
         return self.frame / self.rate_hz if self.rate_hz else 0.0
 
+    def move(self, to_reference: Callable[[int], int]) -> None:
+        """Lead all times but the recorder's receipts from the clock of the driver's host to the reference's."""
+        self.first_ns, self.last_ns = (at_ns and to_reference(at_ns) for at_ns in (self.first_ns, self.last_ns))
+        for hole in self.holes:
+            hole.from_ns, hole.to_ns = to_reference(hole.from_ns), to_reference(hole.to_ns)
+        self.events = [event._replace(at_ns=to_reference(event.at_ns)) for event in self.events]
+
     def event(self, at_ns: int, kind: str, what: str) -> None:
         """Count something that happened, and list it where there are not too many."""
         self.counts[kind] += 1

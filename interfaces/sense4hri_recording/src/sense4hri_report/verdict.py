@@ -49,10 +49,11 @@ def judge_all(
             judgement.gaps(pause.sentence)
     for step in steps:
         if window.meets(step.before_ns, step.after_ns):
-            judgement.gaps(
-                f"the clock of {step.host} was set by {step.step_ns * 1e-9:+.3f} s, {at(step.after_ns, window)}: "
-                "times before and after do not agree"
-            )
+            measured = found.sensor_hosts.clocks.knows(step.host)
+            apart = "times before and after do not agree"
+            doubt = "within seconds of it its times are less certain" if measured else apart
+            set_by = f"the clock of {step.host} was set by {step.step_ns * 1e-9:+.3f} s"
+            judgement.gaps(f"{set_by}, {at(step.after_ns, window)}: {doubt}")
     if session is None:
         judgement.remark(
             "this is no session: what was recorded outside of one, judged from its first to its last message"
@@ -63,25 +64,40 @@ def judge_all(
         judgement.remark(notes.trouble)
     for remark in found.source.remarks:
         judgement.remark(remark)
+    for remark in _unmeasured(found):
+        judgement.remark(remark)
     for remark in not_recorded(notes.refused):
         judgement.remark(remark)
     return judgement
 
 
+def _unmeasured(found: Findings) -> list[str]:
+    """Whose clocks nobody has measured, of the hosts of drivers."""
+    hosts = {found.sensor_hosts.host(name.sensor_id) for name, stream in found.streams.items() if stream.raw}
+    return list(filter(None, map(found.sensor_hosts.clocks.doubt, sorted(hosts))))
+
+
 def _judge_others(found: Findings, window: Window, streams: set[str], judgement: Judgement) -> None:
     """What lacks messages besides the streams: markers, features and states are missed, others are told together."""
-    strangers = []
+    strangers, superseded = [], dict[str, int]()
     for topic in sorted({*found.notes.by_topic, *found.undecodable} - streams):
         own = Judgement()
         if undecodable := found.undecodable.get(topic):
             own.gaps(f"{counted(undecodable, 'message')} cannot be decoded")
+        transport = transport_entry(found, topic, window)
         if not topic.endswith(NEWEST_SAYS_ALL):
-            judge_transport(transport_entry(found, topic, window) | {"missed_at_start": None}, window, None, own)
+            judge_transport(transport | {"missed_at_start": None}, window, None, own)
+        elif transport["lost"]:
+            superseded[topic] = transport["lost"]
         if topic.startswith((f"{ROOT}/", "/study/")):
             for problem in own.problems:
                 judgement.gaps(f"{topic}: {problem.sentence}")
         elif own.problems:
             strangers.append(topic)
+    if superseded:
+        number, first = counted(sum(superseded.values()), "message"), next(iter(superseded))
+        more = f" and {len(superseded) - 1} more" if len(superseded) > 1 else ""
+        judgement.remark(f"{number} of {first}{more} sent and not recorded, of which newer ones say all: no loss")
     if strangers:
         more = f" and {len(strangers) - 1} more" if len(strangers) > 1 else ""
         judgement.remark(f"messages of {strangers[0]}{more} were lost: the topics' table says how many")

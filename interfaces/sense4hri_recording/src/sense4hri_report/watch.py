@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -42,6 +43,11 @@ class HostStep(NamedTuple):
     before_ns: int
     after_ns: int
     step_ns: int
+
+    def moved(self, to_reference: Callable[[int], int]) -> HostStep:
+        """The step with its stamps led to the reference host's time, by what held before it."""
+        before_ns = to_reference(self.before_ns)
+        return self._replace(before_ns=before_ns, after_ns=before_ns + self.after_ns - self.before_ns - self.step_ns)
 
     def left_of(self, from_ns: int, to_ns: int) -> int:
         """How long a silence by that clock truly was; a time that is not of the step is left as it is."""
@@ -98,6 +104,7 @@ class HealthWatch:
         self._gained = dict.fromkeys(COUNTERS, 0)
         self._known: dict[str, int] = {}
         self._before: Any = None
+        self._before_ns = 0
 
     @property
     def contact_share(self) -> float:
@@ -118,9 +125,8 @@ class HealthWatch:
         """A raw message of the stream has come."""
         self.sent_since_raw = 0
 
-    def take(self, message: Any) -> None:
-        """Take one health message: the driver's account of the stream."""
-        at_ns = to_ns(message.header.stamp)
+    def take(self, message: Any, at_ns: int) -> None:
+        """Take one health message: the driver's account of the stream. at_ns: its stamp, in the reference's time."""
         before, self._before = self._before, message
         self.messages += 1
         self.host = message.host
@@ -138,6 +144,7 @@ class HealthWatch:
             why = f": {message.reasons[0]}" if len(message.reasons) else ""
             _extend(self.not_streaming, at_ns, f"{_name(STATES, message.state)}{why}")
         self._count(before, message, at_ns)
+        self._before_ns = at_ns
 
     def _count(self, before: Any, message: Any, at_ns: int) -> None:
         restarted = before is not None and message.samples_total < before.samples_total
@@ -154,7 +161,7 @@ class HealthWatch:
             if name == "samples_total" and before is not None:
                 self.sent_since_raw += max(gained, 0)
             if name == "lost_samples_total" and before is not None and gained > 0:
-                self.lost.append((to_ns(before.header.stamp), at_ns, gained))
+                self.lost.append((self._before_ns, at_ns, gained))
             if name == "reconnects_total" and before is not None and gained > 0:
                 self.reconnects.append(at_ns)
 
@@ -184,16 +191,19 @@ class ClockWatch:
         """Share of the models that are LOCKED; NaN where there is none."""
         return self._locked / self.messages if self.messages else math.nan
 
-    def take(self, message: Any) -> Model | None:
-        """One model; None for one that came already, as at the head of every file, and for one that is no clock's."""
-        at_ns = to_ns(message.header.stamp)
+    def take(self, message: Any, at_ns: int) -> Model | None:
+        """One model; None for one that came already, as at the head of every file, and for one that is no clock's.
+
+        at_ns: its stamp, in the reference host's time.
+        """
+        stamp_ns = to_ns(message.header.stamp)
         if not abs(message.skew_ppm) <= LARGEST_PPM or abs(message.offset_ns) > LARGEST_DIFFERENCE_NS:
             self.impossible += 1
             return None
         reference_ns = to_ns(message.device_reference)
-        if at_ns == self._last_ns:
+        if stamp_ns == self._last_ns:
             return None
-        self._last_ns = at_ns
+        self._last_ns = stamp_ns
         self.messages += 1
         self._locked += message.state == LOCKED
         model = Model(reference_ns, int(message.offset_ns), float(message.skew_ppm))
@@ -225,9 +235,8 @@ class FeatureWatch:
         self.quality = Values(axis)
         self.first_ns = self.last_ns = 0
 
-    def take(self, message: Any) -> None:
-        """Take one features message."""
-        at_ns = to_ns(message.header.stamp)
+    def take(self, message: Any, at_ns: int) -> None:
+        """Take one features message. at_ns: its stamp, in the reference host's time."""
         self.messages += 1
         self.first_ns, self.last_ns = self.first_ns or at_ns, at_ns
         self.quality.add(at_ns, float(getattr(message, "signal_quality", math.nan)))

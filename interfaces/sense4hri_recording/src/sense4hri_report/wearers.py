@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import NamedTuple
@@ -83,6 +83,12 @@ class Wearers:
         told = self.assigned.setdefault(sensor_id, [])
         if (not told or told[-1].human_id != human_id) and len(told) <= MOST_RUNS:
             told.append(Assigned(max(since_ns, told[-1].since_ns if told else 0), human_id))
+
+    def move(self, to_reference: Callable[[str, int], int]) -> None:
+        """Lead the times of receipt from the clock of each sensor's driver's host to the reference's."""
+        for (_, sensor_id), wearer in self.by_sensor.items():
+            for run in wearer.runs:
+                run.first_ns, run.last_ns = (to_reference(sensor_id, at_ns) for at_ns in (run.first_ns, run.last_ns))
 
     def window_of(self, name: StreamName, window: Window) -> Window | None:
         """The part of a window in which a stream's person wore the sensor; None where that is no part of it."""

@@ -11,7 +11,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from sense4hri import host_clocks, qos
 from sense4hri.graph import Follower, follow
-from sense4hri.host_clocks import HostClocks
+from sense4hri.host_clocks import HostClocks, SensorHosts
 from sense4hri.names import ROOT, UNASSIGNED, StreamName, state_topic
 from sense4hri.run import run
 from sense4hri.service import Service
@@ -60,8 +60,8 @@ class Shell:
         self._unstamped = service.metrics.counter("unstamped_expressions", "Expressions without a stamp.")
         self._published = service.metrics.counter("states", "States published.")
         self._unknown = service.metrics.counter("unknown_states", "States published that are unknown.")
-        self._host_clocks, self._hosts = HostClocks(), dict[str, str]()  # by sensor_id: the host of its driver
-        service.subscribe(HostClockArray, host_clocks.TOPIC, self._host_clocks.take, qos.HOST_CLOCKS)
+        self._hosts = SensorHosts(HostClocks())
+        service.subscribe(HostClockArray, host_clocks.TOPIC, self._hosts.clocks.take, qos.HOST_CLOCKS)
         service.subscribe(SensorAssignmentArray, "/study/assignments", self._on_assignments, qos.ASSIGNMENTS)
         service.subscribe(Marker, "/study/markers", self._on_marker, qos.MARKERS, keep=True)
 
@@ -183,14 +183,14 @@ class Shell:
         self._fusion.clock(name, Model(to_ns(message.device_reference), offset_ns, message.skew_ppm))
 
     def _on_health(self, name: StreamName, message: StreamHealth) -> None:
-        self._hosts[name.sensor_id] = message.host
+        self._hosts.told(name.sensor_id, message.host)
         streaming, ends = message.state == StreamHealth.STREAMING, message.state == StreamHealth.STOPPING
         self._fusion.health(name, self._received_ns(name, message), streaming, ends)
 
     def _received_ns(self, name: StreamName, message: Any) -> int:
         """Return a message's receipt stamp on the reference host's clock; 0 = it bears none."""
         stamp_ns = to_ns(message.header.stamp)
-        return self._host_clocks.reference_ns(self._hosts.get(name.sensor_id, ""), stamp_ns) if stamp_ns else 0
+        return self._hosts.reference_ns(name.sensor_id, stamp_ns) if stamp_ns else 0
 
     def _on_expression(self, topic: Topic, message: ExpressionMessage, info: dict[str, Any]) -> None:
         face_id, receipt_ns = _id(topic), info["received_timestamp"]

@@ -11,13 +11,13 @@ from sense4hri_msgs.msg import Marker
 from sense4hri_msgs.srv import AssignSensor, StartSession, StopSession
 
 from web_gui.config import Config
+from web_gui.hosts import PAGE
 from web_gui.messages import Assign, Press, Start, Stop
 from web_gui.model import Study
 
 ANSWER_S = 5.0
 MOVED_S = 7.0  # the registry watches the topics for 4 s before it answers
 LOOK_EVERY_S = 0.5
-SOURCE = "web-gui"
 COORDINATOR, REGISTRY = "session-coordinator", "metadata-registry"
 
 
@@ -66,7 +66,7 @@ class Desk:
             human_id=press.human_id,
             name=press.name,
             value=press.value,
-            source=SOURCE,
+            source=PAGE,
         )
         marker.header.stamp = from_ns(press.at_ns)
         self._markers.publish(marker)

@@ -165,8 +165,7 @@ class Graph:
             self._undecodable.inc()
             self._service.refuse(name.topic("raw"), contract.PhysioRaw.__name__, str(err))
             return
-        self._study.axis.saw(chunk.received_ns, now_ns)
-        self._study.stream(name, now_ns).raw(chunk, now_ns)
+        self._study.take_raw(name, chunk, now_ns)
 
     def _device(self, name: StreamName, message: Any) -> None:
         told = [feature for feature in message.features[:MOST_REPORTED] if len(feature.values)]

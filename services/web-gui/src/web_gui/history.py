@@ -7,6 +7,7 @@ back by more than BELIEVABLE_NS, and what is stored is forgotten. Of samples bey
 into buckets of minima and maxima (`coarse.py`): a high rate takes no more memory.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -62,10 +63,18 @@ class History:
     """Ring of one stream's samples with lookup by axis time.
 
     channels: their names; span_s: how much time is kept; device_time: whether the event clock is a device's own.
+    to_reference: to axis time from that of the driver's host, which is the event clock where no device has one; what is
+    pushed has been through it.
     """
 
-    def __init__(self, channels: tuple[str, ...], span_s: float, device_time: bool) -> None:
-        self.channels, self.device_time = channels, device_time
+    def __init__(
+        self,
+        channels: tuple[str, ...],
+        span_s: float,
+        device_time: bool,
+        to_reference: Callable[[Times], Times] = lambda host_ns: host_ns,
+    ) -> None:
+        self.channels, self.device_time, self._to_reference = channels, device_time, to_reference
         self.version = 0
         self.samples_total = 0
         self.begun = 0
@@ -160,7 +169,7 @@ class History:
         """
         clock = self._runs[-1].clock if self._runs else self._model
         if not self.device_time or clock is None:
-            return event_ns
+            return event_ns if self.device_time else self._to_reference(event_ns)
         placed = clock.ros_ns(event_ns)
         for run in self._runs:
             covered = run.covers(event_ns) & (True if heard is None else run.start < heard)

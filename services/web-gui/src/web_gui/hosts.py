@@ -1,9 +1,13 @@
-"""The clocks of the study's other hosts, as the reference host's clock-sync tells them. Pure."""
+"""The clocks of the study's hosts, as the reference host's clock-sync tells them. Pure.
+
+Everything on the page's axis is in the reference host's time: what a sensor's driver stamps, and what this host's own
+clock shows.
+"""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from sense4hri.host_clocks import MOST_HOSTS
+from sense4hri.host_clocks import MOST_HOSTS, HostClocks, SensorHosts, this_host
 from sense4hri.stamps import SECOND_NS
 
 from web_gui.intake import shown
@@ -12,6 +16,7 @@ from web_gui.rules import RULES
 
 FRESH_NS = 10 * SECOND_NS
 WARMUP, LOCKED = 0, 1  # HostClock
+PAGE = "web-gui"  # the source of the markers that are set on the page
 
 
 class Told(NamedTuple):
@@ -25,9 +30,14 @@ class Told(NamedTuple):
 
 
 class Hosts:
-    """What `/study/host_clocks` said last. A study on one host has none."""
+    """What `/study/host_clocks` said last. A study on one host has none.
 
-    def __init__(self) -> None:
+    sensors: on which host each sensor's driver runs. here: the name of this host.
+    """
+
+    def __init__(self, here: str = "") -> None:
+        self.sensors = SensorHosts(HostClocks())
+        self._here = here or this_host()
         self._entries: list[Told] = []
         self._at_ns = 0
 
@@ -38,6 +48,17 @@ class Hosts:
             Told(shown(c.host), shown(c.reference), c.offset_ns * 1e-9, c.round_trip_s, int(c.state)) for c in clocks
         ]
         self._at_ns = now_ns
+        self.sensors.clocks.take(message)
+
+    def of_here_ns(self, host_ns: int) -> int:
+        """Return the reference host's time when the clock of this host shows host_ns."""
+        return self.sensors.clocks.reference_ns(self._here, host_ns)
+
+    def marked_ns(self, source: str, stamp_ns: int) -> int:
+        """Return the reference host's time of a marker that a sensor or this page has stamped; of others the stamp."""
+        if not stamp_ns:
+            return 0
+        return self.of_here_ns(stamp_ns) if source == PAGE else self.sensors.reference_ns(source, stamp_ns)
 
     def problems(self, now_ns: int) -> Iterator[Problem]:
         """Yield whose clock is off, who answers slowly and who no longer does; nothing of what is no longer told."""

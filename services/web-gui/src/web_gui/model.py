@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Iterable
 from typing import NamedTuple
 
+from sense4hri.chunk import Chunk
 from sense4hri.modalities import MODALITIES
 from sense4hri.names import UNASSIGNED, StreamName
 from sense4hri.stamps import SECOND_NS
@@ -50,10 +51,11 @@ class Moment(NamedTuple):
 
 
 class Study:
-    """Everything the page shows."""
+    """Everything the page shows. clock: of the host on which it runs; kept with the reference host's time of day."""
 
     def __init__(self, history_s: float = 600.0, trend_s: float = 600.0, clock: Steady | None = None) -> None:
-        self.history_s, self.clock = history_s, clock or Steady()
+        self.hosts = Hosts()
+        self.history_s, self.clock = history_s, (clock or Steady()).corrected(self.hosts.of_here_ns)
         self.trend_s = round(trend_s)
         self.streams: dict[StreamName, Stream] = {}
         self._worn: dict[str, list[Stream]] | None = None  # by whom, in the order of the page; None = to be sorted anew
@@ -67,7 +69,6 @@ class Study:
         self.notes: dict[str, list[str]] = {}
         """What the registry says of a sensor: an assignment that was asked and has not happened."""
         self.services = Services()
-        self.hosts = Hosts()
         self.axis = Axis(self.clock.wall_ns)
 
     def stream(self, name: StreamName, now_ns: int) -> Stream:
@@ -76,7 +77,8 @@ class Study:
         if found is None:
             if len(self.streams) >= MOST_STREAMS:
                 self._forget(min(self.streams.values(), key=lambda one: one.last_at_ns).name)
-            found = self.streams[name] = Stream(name, self.history_s, now_ns, self.clock, self.axis.age_ns)
+            sensors = self.hosts.sensors
+            found = self.streams[name] = Stream(name, self.history_s, now_ns, self.clock, self.axis.age_ns, sensors)
             self._worn = None
         return found
 
@@ -98,6 +100,11 @@ class Study:
         if found and not found.has_raw and any(s[1:] == name[1:] and s != name for s in self.streams):
             self._forget(name)
 
+    def take_raw(self, name: StreamName, chunk: Chunk, now_ns: int) -> None:
+        """Take one raw message of a stream."""
+        self.axis.saw(self.hosts.sensors.reference_ns(name.sensor_id, chunk.received_ns), now_ns)
+        self.stream(name, now_ns).raw(chunk, now_ns)
+
     def take_state(self, human_id: str, plain: Plain, now_ns: int) -> None:
         """Take a fused state."""
         _keep(self.states, human_id, Fresh(plain, now_ns))
@@ -109,7 +116,8 @@ class Study:
     def take_marker(self, plain: Plain, now_ns: int) -> None:
         """Take a marker; one without a stamp stands where it was heard, one that a replay says again where it is."""
         texts = (str(plain.get(key, "")) for key in ("name", "value", "human_id"))
-        marked = Marked(int(plain["stamp_ns"]) or self.clock.wall_ns(now_ns), *texts)
+        stamp_ns = self.hosts.marked_ns(str(plain.get("source", "")), int(plain["stamp_ns"]))
+        marked = Marked(stamp_ns or self.clock.wall_ns(now_ns), *texts)
         if marked not in self.markers:
             self.markers.append(marked)
 

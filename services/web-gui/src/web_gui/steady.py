@@ -1,7 +1,9 @@
 """The clock that everything is judged by: nobody sets it, and it goes on while the machine sleeps."""
 
+import copy
 import time
 from collections.abc import Callable
+from typing import Self
 
 from sense4hri.stamps import SECOND_NS
 
@@ -24,17 +26,24 @@ class Steady:
         self._begun_ns = of_day_ns() - booted_ns
         self._set_ns = 0  # by how much the time of day has been set since
         self._set_at_ns = 0
+        self._to_reference: Callable[[int], int] = lambda host_ns: host_ns
+
+    def corrected(self, to_reference: Callable[[int], int]) -> Self:
+        """Return this clock with the time of day of another host, as to_reference makes it of this host's."""
+        other = copy.copy(self)
+        other._to_reference = to_reference
+        return other
 
     def now_ns(self) -> int:
         """Return what is called `now_ns` everywhere."""
         return self._begun_ns + self._since_boot_ns()
 
     def wall_ns(self, at_ns: int) -> int:
-        """Return the time of day at a moment of this clock, the same until the host's clock is set."""
+        """Return the reference host's time of day at a moment of this clock, the same until a host's clock is set."""
         before_ns, wall_ns, after_ns = self.now_ns(), self._of_day_ns(), self.now_ns()
         if not wall_ns - after_ns <= self._set_ns <= wall_ns - before_ns + STEP_NS:
             self._set_ns, self._set_at_ns = wall_ns - before_ns, after_ns
-        return at_ns + self._set_ns
+        return self._to_reference(at_ns + self._set_ns)
 
     def settled(self, at_ns: int) -> bool:
         """Return False for a moment after the time of day was set: what comes then may have been stamped before."""

@@ -6,10 +6,11 @@ Nothing here asks how late it is: every method is given `now_ns`, of the study's
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from sense4hri.chunk import Break, Chunk, TimedChunk
+from sense4hri.host_clocks import SensorHosts
 from sense4hri.names import StreamName
 from sense4hri.sample_clock import SampleClock
 from sense4hri.stamps import SECOND_NS
@@ -63,11 +64,18 @@ class Stream:
     """One topic family `/humans/physiological/<human>/<type>/<sensor>/*`.
 
     clock: tells the time of day of a moment `now_ns`, for whatever stands beside a stamp.
-    age_ns: of a moment and of `now_ns`, see `axis.Axis`.
+    age_ns: of a moment and of `now_ns`, see `axis.Axis`. hosts: tell the reference host's time of the stamps of
+    whichever host the driver runs on; by it everything is placed, and `clock` goes.
     """
 
     def __init__(
-        self, name: StreamName, history_s: float, now_ns: int, clock: Steady, age_ns: Callable[[int, int], int]
+        self,
+        name: StreamName,
+        history_s: float,
+        now_ns: int,
+        clock: Steady,
+        age_ns: Callable[[int, int], int],
+        hosts: SensorHosts,
     ) -> None:
         self.name, self.since_ns, self.age_ns = name, now_ns, age_ns
         self.key = "/".join(name)
@@ -86,7 +94,7 @@ class Stream:
         self.lost = Increase()
         self.delays = Delays()
         self.marks = Marks(drawn(name.sensor_type))
-        self._history_s, self._day = history_s, clock
+        self._history_s, self._day, self._hosts = history_s, clock, hosts
         self._sample_clock: SampleClock | None = None
         self._features_clock = SampleClock(0.0)
         self._told_ns = 0  # event time of the newest derived value
@@ -108,6 +116,7 @@ class Stream:
         if self.raw_at_ns:
             self.interval_s = max(0.98 * self.interval_s, min(self._longest_s, self.silence_s(now_ns)))
         self.has_raw, self.raw_at_ns, self.last_at_ns = True, now_ns, now_ns
+        chunk = chunk._replace(received_ns=self._to_reference(chunk.received_ns))
         delay_ns = self._day.wall_ns(now_ns) - chunk.received_ns
         if self._day.settled(now_ns):
             self.delays.take(delay_ns / SECOND_NS, now_ns)
@@ -131,11 +140,14 @@ class Stream:
             if not -BELIEVABLE_NS <= step_ns <= now_ns - self.health.at_ns + BELIEVABLE_NS:
                 self.lost = Increase()
         self.health = Fresh(plain, now_ns)
+        self._hosts.told(self.name.sensor_id, str(plain.get("host", "")))
         self.last_at_ns = now_ns
         self.lost.take(max(0, int(plain.get("lost_samples_total", 0))), now_ns)
 
     def take_clock(self, plain: Plain, now_ns: int) -> None:
-        """Take a clock model."""
+        """Take a clock model, and lead it on to the reference host's time."""
+        if stamp_ns := _stamp_ns(plain):
+            plain = {**plain, "offset_ns": plain["offset_ns"] + self._to_reference(stamp_ns) - stamp_ns}
         self.clock = Fresh(plain, now_ns)
         if (latency_s := number(plain.get("latency_s"))) is not None:
             self.latencies.append(latency_s)
@@ -233,7 +245,8 @@ class Stream:
         drawn_ = DERIVED[self.name.sensor_type]
         value = number(plain.get(drawn_.field))
         samples = np.array([[np.nan if value is None else value]])
-        received_ns = at_path(plain, "header.stamp") or self._day.wall_ns(now_ns)
+        stamp_ns = _stamp_ns(plain)
+        received_ns = self._to_reference(stamp_ns) if stamp_ns else self._day.wall_ns(now_ns)
         timed = self._features_clock.place(
             Chunk((drawn_.name,), samples, plain.get("device_timestamp") or None, received_ns)
         )
@@ -245,10 +258,14 @@ class Stream:
     def _keep(self, timed: TimedChunk, device_time: bool) -> None:
         history = self.history
         if history is None or history.channels != timed.channels or history.device_time != device_time:
-            history = self.history = History(timed.channels, self._history_s, device_time)
+            history = self.history = History(timed.channels, self._history_s, device_time, self._to_reference)
             if (model := self._model()) is not None:
                 history.set_model(model)
         history.push(timed)
+
+    def _to_reference(self, host_ns: Any) -> Any:
+        """Return the reference host's time of what the driver's host shows, a number or many."""
+        return self._hosts.reference_ns(self.name.sensor_id, host_ns)
 
     def _model(self) -> Clock | None:
         if self.clock is None or not abs(self.clock.plain["skew_ppm"]) < MOST_SKEW_PPM:
