@@ -41,7 +41,8 @@ class HeartStream:
         self._config = config
         self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S, filled=True)
         self._names = info.channel_names[:MOST_LEADS]
-        self._leads = [Lead(fs_hz) for _ in self._names]
+        blocks = round(config.window_s / config.update_interval_s)
+        self._leads = [Lead(fs_hz, blocks) for _ in self._names]
         self._told_ns = -(2**62)
 
     def push(self, timed: TimedChunk) -> list[RespirationUpdate]:
@@ -72,7 +73,7 @@ class HeartStream:
             return self._nothing(block, window_s, quality, _evidence(np.nan, np.nan), problem)
         seen = fusion.fused(chained, chained[0].time_ns, chained[-1].time_ns)
         sure = rise(max(seen.likeness, seen.rhythm), fusion.SURE)
-        quality = rise(covered, COVERED) * fusion.agreement(seen.rates_per_min) * sure
+        quality = rise(covered, COVERED) * fusion.agreement(seen.rates_per_min) * sure * self._leads[chosen].share()
         rate = fusion.told_per_min(seen)
         problem = self._doubt(seen, rate, chained, quality)
         if problem:

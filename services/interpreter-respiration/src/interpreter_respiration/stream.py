@@ -250,14 +250,14 @@ class RespirationStream:
         steps = features.rise(features.abruptness(raw, waves), features.ABRUPT)
         if steps > 0.3:
             notes.append(f"{self._what} steps from level to level: no chest moves so abruptly")
-        wanders = features.rise(features.wander(raw, seen.period_s), features.WANDERS)
-        if wanders > 0.3:
+        wander = features.wander(raw, seen.period_s)
+        if wander > features.WANDERS_TOLD:
             notes.append(f"{self._what} wanders from breath to breath as far as a breath is high: drift, or none")
         filled = min(1.0, len(raw) / max(1.0, window_s * GRID_HZ - 2), self._presence.share())
-        quality = features.rise(features.clean_share(raw, seen.spread), features.NOISE_RATIO)
+        quality = float(np.interp(features.clean_share(raw, seen.spread), *features.CLEAN))
         quality *= features.rhythm(raw, seen.likeness) * (1 - steps)
         quality *= filled * (1 - clipped) ** 2 * (1 - min(1.0, moved / features.OUTLYING_MOST))
-        quality *= (1 - 0.5 * wanders) * features.repeats(raw, seen.period_s)
+        quality *= float(np.interp(wander, *features.WANDERS)) * features.repeats(raw, seen.period_s)
         return quality * (1.0 if agree else 0.5), notes
 
     def _why_withheld(self, period_s: float, seen: Seen, agree: bool) -> str:
