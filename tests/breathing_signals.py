@@ -1,9 +1,15 @@
-"""ECGs and accelerations of somebody who breathes at a known rate."""
+"""Belts, ECGs and accelerations of somebody who breathes at a known rate."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+
+
+def belt(times_s: Floats, per_min: float = 15.0, inhale: float = 0.4) -> Floats:
+    """A belt that rises for a share `inhale` of each breath, by 2 units, and falls for the rest."""
+    phase = times_s * per_min / 60 % 1
+    return np.where(phase < inhale, -np.cos(np.pi * phase / inhale), np.cos(np.pi * (phase - inhale) / (1 - inhale)))
 
 
 def ecg(

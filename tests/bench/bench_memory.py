@@ -64,9 +64,14 @@ INTERPRETERS = {
     "ppg": Played("interpreter_ppg", "stream.PpgStream", "ppg", "counts", PPG, True),
     "eda": Played("interpreter_eda", "stream.EdaStream", "eda", "uS", {"eda": "eda"}, True),
     "respiration": Played(
-        "interpreter_respiration", "stream.RespirationStream", "respiration", "a.u.", {"respiration": "respiration"}
+        "interpreter_respiration",
+        "stream.RespirationStream",
+        "respiration",
+        "a.u.",
+        {"respiration": "respiration"},
+        True,
     ),
-    "respiration_ecg": Played("interpreter_respiration", "heart.HeartStream", "ecg", "uV", {"ecg": "ecg"}),
+    "respiration_ecg": Played("interpreter_respiration", "heart.HeartStream", "ecg", "uV", {"ecg": "ecg"}, True),
     "respiration_accelerometer": Played(
         "interpreter_respiration", "stream.RespirationStream", "accelerometer", "m/s^2", CHEST
     ),

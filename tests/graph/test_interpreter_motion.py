@@ -4,9 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from breathing_signals import belt
 from ears import ThirdPartyDriver
 from sense4hri.names import StreamName
-from sense4hri_msgs.msg import PPG, Motion
+from sense4hri_msgs.msg import PPG, Motion, Respiration
 from walking import GRAVITY, acceleration
 
 FS_HZ, FRAME, PERIOD_S = 50.0, 25, 0.83
@@ -79,6 +80,31 @@ def test_the_acceleration_of_a_device_lowers_the_quality_of_its_pulse(start, ope
     assert one.features[-1].signal_quality < 0.7
     assert other.features[-1].signal_quality > 0.9
     assert one.features[-1].heart_rate_bpm == pytest.approx(60 / PERIOD_S, abs=0.5)
+    assert process.stop() == 0
+
+
+def breaths(times_s: np.ndarray) -> dict[str, np.ndarray]:
+    """A belt of somebody who breathes 20 times a minute, with noise."""
+    noise = np.random.default_rng(1).normal(0, 0.5, round(60 * FS_HZ))
+    return {"respiration": belt(times_s, 20.0) + noise[np.round(times_s * FS_HZ).astype(int)]}
+
+
+def test_the_acceleration_of_a_device_lowers_the_quality_of_its_belt(start, opened):
+    """Two devices, one and the same breaths: of the wearer who walks the quality is the square of the other's."""
+    process = start("interpreter_respiration")
+    moving = ("accelerometer", "m/s^2", walking)
+    name = StreamName("p1", "respiration", "belt_1")
+    one = opened(ThirdPartyDriver(name, Respiration, breaths, FS_HZ, FRAME, "a.u.", also=moving))
+    resting = ("accelerometer", "m/s^2", still)
+    name = StreamName("p2", "respiration", "belt_2")
+    other = opened(ThirdPartyDriver(name, Respiration, breaths, FS_HZ, FRAME, "a.u.", beside=one, also=resting))
+    for sensor in (one, other):
+        sensor.until_heard(device=False)
+    for sensor in (one, other):
+        sensor.play(30)
+    assert 0.6 < other.features[-1].signal_quality < 0.98
+    assert one.features[-1].signal_quality == pytest.approx(other.features[-1].signal_quality ** 2, rel=0.01)
+    assert one.features[-1].breaths_per_min == pytest.approx(20, abs=0.5)
     assert process.stop() == 0
 
 

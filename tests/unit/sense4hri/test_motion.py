@@ -36,6 +36,14 @@ def test_gravity_is_no_motion():
     assert (still.strength, still.rhythm(1.2)) == (0.0, 0.0)
 
 
+def test_another_posture_moves_for_as_long_as_it_is_taken():
+    """Somebody leans back by half of gravity: he moves in those 10 s, and not for a minute as much as one who walks."""
+    upright, back = (np.tile(each, (round(30 * FS_HZ), 1)) for each in ((0.0, 0.0, 9.81), (4.9, 0.0, 8.5)))
+    motion = motion_of(np.concatenate([upright, upright[: round(5 * FS_HZ)], back])[: round(60 * FS_HZ)])
+    assert motion.at(41 * SECOND_NS, 10.0).strength == 1.0
+    assert 0.3 < motion.at(61 * SECOND_NS, 60.0).strength < 0.6
+
+
 @pytest.mark.parametrize("hz", [1.0, 1.9, 2.5])
 def test_steps_have_their_rhythm(hz):
     """Nearly all power is at the rate of the steps, none at half of it or a third beside."""

@@ -19,6 +19,7 @@ KEPT_S = 60.0
 MOVING_M_S2 = (0.5, 1.5)  # rms without gravity: breath, the heart's own beat and a table stay below, walking is above
 RHYTHM_HZ = (0.5, 6.0)  # where steps and arms have their power
 NEAR_HZ, NEAR_SHARE = 0.15, 0.06  # how near to a frequency its power is sought: the window's resolution, and its wander
+POSTURE_S = 10.0  # who leans back turns gravity once: in so long it is taken to rest
 SHORTEST_S = 4.0  # of acceleration for a rhythm
 
 
@@ -53,12 +54,15 @@ class Moved:
 
     def __init__(self, acceleration: NDArray[np.float64], fs_hz: float) -> None:
         acceleration = acceleration[np.isfinite(acceleration).all(axis=1)]
-        self._dynamic = acceleration - acceleration.mean(axis=0) if len(acceleration) else acceleration
+        pieces = np.array_split(acceleration, max(1, round(len(acceleration) / max(fs_hz * POSTURE_S, 1.0))))
+        self._dynamic = (
+            np.concatenate([each - each.mean(axis=0) for each in pieces]) if len(acceleration) else acceleration
+        )
         self._fs_hz = fs_hz
 
     @property
     def rms_m_s2(self) -> float:
-        """The acceleration without its mean, all axes together; 0 where there is none."""
+        """The acceleration without its mean of POSTURE_S, all axes together; 0 where there is none."""
         return float(np.sqrt(np.mean(np.sum(self._dynamic**2, axis=1)))) if len(self._dynamic) else 0.0
 
     @property

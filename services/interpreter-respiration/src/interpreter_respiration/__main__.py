@@ -2,6 +2,7 @@
 
 import sys
 
+from sense4hri import motion
 from sense4hri.interpreter import run_interpreter
 from sense4hri.stream_info import StreamInfo
 from sense4hri_msgs.msg import Respiration
@@ -29,6 +30,7 @@ def main() -> int:
         Respiration,
         sources=SOURCES,
         publishes="respiration",
+        beside=(motion.SENSOR_TYPE,),
     )
 
 

@@ -16,14 +16,15 @@ SMOOTH_S, WANDER_S = 0.3, 2.0  # what is faster than breathing, and what is slow
 REACH = 1.3  # robust standard deviations that the signal leaves an extreme by before it is one: 0.46 of a sine
 PERIOD_S = (1.2, 15.0)  # 4 to 50 breaths per min
 SHORTEST = 0.85  # of the best autocorrelation that the shortest period has to reach
-NOISE_RATIO = (0.4, 0.9)  # share of what moves the belt that is as slow as breathing: quality 0 and 1
+CLEAN = (0.4, 0.9, 1.0), (0.0, 0.97, 1.0)  # share of what moves the belt that is as slow as breathing, and its quality
 ALIKE = (0.6, 0.85)  # likeness alone: quality 0 and 1
 TREMOR_S = 0.1  # what is slower than this and faster than SMOOTH_S is no breathing, and much of a random walk
 RHYTHM = (1.3, 2.6)  # likeness one period later over the share of tremor, which is 1 in a random walk: quality 0 and 1
 OUTLYING, OUTLYING_MOST = 4.5, 0.25  # robust standard deviations that are no breath any more; share of time: quality 0
 STEP_S, SHARE_OF_TIME = 0.5, 0.05  # what is shorter is noise on a step; the fastest moments
 ABRUPT = (0.38, 0.5)  # share of the way that it goes in these: quality 1 and 0; breaths with long pauses reach 0.4
-WANDERS = (2.0, 3.0)  # change of the level from one period to the next, in spreads of the waves: quality 1 and 0.5
+# change of the level from one period to the next, in spreads of the waves, and its quality; from where it is told
+WANDERS, WANDERS_TOLD = ((0.0, 2.0, 3.0), (1.0, 0.97, 0.5)), 2.3
 SHIFTED = 2.7  # spreads of the waves that the level moves by in a shift of posture: the height of a sine is 1.9 of them
 LONG, MOSTLY = 1.5, 0.75  # times the usual period where a breath may be missing; share of known periods, else it drifts
 PERIODS = (1.0, 4.0)  # so many fit into the window: quality 0 and 1; that two are alike happens by chance

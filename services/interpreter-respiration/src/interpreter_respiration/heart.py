@@ -3,6 +3,7 @@
 import numpy as np
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
+from sense4hri.motion import Motion
 from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature
 from sense4hri.stream_info import StreamInfo
@@ -41,8 +42,14 @@ class HeartStream:
         self._config = config
         self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S, filled=True)
         self._names = info.channel_names[:MOST_LEADS]
-        self._leads = [Lead(fs_hz) for _ in self._names]
+        blocks = round(config.window_s / config.update_interval_s)
+        self._leads = [Lead(fs_hz, blocks) for _ in self._names]
+        self._motion = Motion()
         self._told_ns = -(2**62)
+
+    def evidence(self, info: StreamInfo, timed: TimedChunk) -> None:
+        """Take acceleration of the device."""
+        self._motion.take(info, timed)
 
     def push(self, timed: TimedChunk) -> list[RespirationUpdate]:
         """Take the next samples; return the updates that became due."""
@@ -72,7 +79,8 @@ class HeartStream:
             return self._nothing(block, window_s, quality, _evidence(np.nan, np.nan), problem)
         seen = fusion.fused(chained, chained[0].time_ns, chained[-1].time_ns)
         sure = rise(max(seen.likeness, seen.rhythm), fusion.SURE)
-        quality = rise(covered, COVERED) * fusion.agreement(seen.rates_per_min) * sure
+        quality = rise(covered, COVERED) * fusion.agreement(seen.rates_per_min) * sure * self._leads[chosen].share()
+        quality **= 1 + self._motion.at(block.received_ns, self._config.window_s).strength
         rate = fusion.told_per_min(seen)
         problem = self._doubt(seen, rate, chained, quality)
         if problem:

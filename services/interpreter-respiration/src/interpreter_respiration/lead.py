@@ -2,6 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from sense4hri.blocks import Presence
 from sense4hri.slow import drawn_through, newest_run
 from sense4hri.stamps import SECOND_NS
 
@@ -14,15 +15,19 @@ Floats = NDArray[np.float64]
 
 
 class Lead:
-    """Samples in, beats out. `restart`: a hole is between what came and what comes; `forget`: a new segment begins."""
+    """Samples in, beats out. `restart`: a hole is between what came and what comes; `forget`: a new segment begins.
 
-    def __init__(self, fs_hz: float) -> None:
-        self._finder = Beats(fs_hz)
+    blocks: of the window, so many.
+    """
+
+    def __init__(self, fs_hz: float, blocks: int) -> None:
+        self._finder, self._presence = Beats(fs_hz), Presence(blocks)
         self.forget()
 
     def forget(self) -> None:
         """Everything begins anew."""
         self._beats: list[Beat] = []
+        self._presence.restart()
         self.restart()
 
     def restart(self) -> None:
@@ -35,6 +40,7 @@ class Lead:
 
         start_ns: beats up to then are forgotten.
         """
+        self._presence.add(samples[:, None])
         raw, times_ns = np.append(self._last, samples), np.append(self._last_ns, times_ns)
         self._last, self._last_ns = raw[-1:], times_ns[-1:]
         ecg = drawn_through(raw, times_ns, BRIDGED_S)
@@ -44,6 +50,10 @@ class Lead:
             self._finder.restart()
         self._beats += self._finder.push(ecg[begin:], times_ns[begin:])
         self._beats = [beat for beat in self._beats if beat.time_ns > start_ns]
+
+    def share(self) -> float:
+        """Return the share of the window's samples that came."""
+        return self._presence.share()
 
     def chained(self, end_ns: int) -> list[Beat]:
         """Beats with an interval before them, up to end_ns, since the last pause."""

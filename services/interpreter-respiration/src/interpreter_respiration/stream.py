@@ -9,6 +9,7 @@ from sense4hri.blocks import Block, Blocks, Hole, Presence
 from sense4hri.chunk import TimedChunk
 from sense4hri.lasting import IN_DOUBT, Lasting
 from sense4hri.living import frozen
+from sense4hri.motion import Motion
 from sense4hri.slow import GRID_HZ, Slow, newest_run, runs
 from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature
@@ -72,8 +73,13 @@ class RespirationStream:
             self._columns = _axes(info)
         self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S, filled=True)
         self._slow, self._lasting = Slow(len(self._columns), BRIDGED_S), Lasting(LASTING_QUALITY, at_once=True)
+        self._motion = Motion()
         self._presence = Presence(round(config.window_s / config.update_interval_s))
         self._restart()
+
+    def evidence(self, info: StreamInfo, timed: TimedChunk) -> None:
+        """Take acceleration of the device."""
+        self._motion.take(info, timed)
 
     def push(self, timed: TimedChunk) -> list[RespirationUpdate]:
         """Take the next samples; return the updates that became due."""
@@ -148,6 +154,7 @@ class RespirationStream:
         period_s = float(np.nanmean(periods_s)) if np.isfinite(periods_s).any() else np.nan
         agree = self._agree(period_s, seen)
         quality, notes = self._quality(seen, window_s, agree)
+        quality **= 1 + self._motion.at(block.received_ns, self._config.window_s).strength
         too_short = self._lasting.too_short(quality, block.end_ns, LASTING_BREATHS * period_s)
         if too_short and quality > IN_DOUBT:
             quality = IN_DOUBT
@@ -250,14 +257,14 @@ class RespirationStream:
         steps = features.rise(features.abruptness(raw, waves), features.ABRUPT)
         if steps > 0.3:
             notes.append(f"{self._what} steps from level to level: no chest moves so abruptly")
-        wanders = features.rise(features.wander(raw, seen.period_s), features.WANDERS)
-        if wanders > 0.3:
+        wander = features.wander(raw, seen.period_s)
+        if wander > features.WANDERS_TOLD:
             notes.append(f"{self._what} wanders from breath to breath as far as a breath is high: drift, or none")
         filled = min(1.0, len(raw) / max(1.0, window_s * GRID_HZ - 2), self._presence.share())
-        quality = features.rise(features.clean_share(raw, seen.spread), features.NOISE_RATIO)
+        quality = float(np.interp(features.clean_share(raw, seen.spread), *features.CLEAN))
         quality *= features.rhythm(raw, seen.likeness) * (1 - steps)
         quality *= filled * (1 - clipped) ** 2 * (1 - min(1.0, moved / features.OUTLYING_MOST))
-        quality *= (1 - 0.5 * wanders) * features.repeats(raw, seen.period_s)
+        quality *= float(np.interp(wander, *features.WANDERS)) * features.repeats(raw, seen.period_s)
         return quality * (1.0 if agree else 0.5), notes
 
     def _why_withheld(self, period_s: float, seen: Seen, agree: bool) -> str:

@@ -1,0 +1,19 @@
+"""Signal quality on a ladder: whatever spoils a signal lowers it on average, step by step."""
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+STEPS = (0, 1, 2, 4)
+
+
+def assert_falls(updates: Callable[[int], Sequence[Any]], least: float = 0.9) -> None:
+    """Assert that the mean quality begins above least and falls with every step; where it is not known it counts as 0.
+
+    updates(k): those of the signal that is spoilt k times.
+    """
+    means = [float(np.nan_to_num([update.signal_quality for update in updates(k)]).mean()) for k in STEPS]
+    assert means[0] > least, means
+    assert all(one > other for one, other in pairwise(means)), means
