@@ -5,6 +5,7 @@ import dataclasses
 import json
 import re
 import tomllib
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +59,7 @@ def modules(service: Path) -> list[Path]:
     return sorted((service / "src" / package(service)).rglob("*.py"))
 
 
+@cache
 def imports(module: Path) -> set[str]:
     """Return the top-level names a module imports, wherever in it."""
     names = set()
