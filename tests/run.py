@@ -58,7 +58,10 @@ MINUTES = {
     "test_demo_graph.py": 2,
     "test_recorder.py": 2,
     "test_scripted_study.py": 2,
-    **dict.fromkeys(("test_gui.py", "test_gui_session.py", "test_gui_strangers.py"), 1),
+    "test_gui.py": 2,
+    **dict.fromkeys(("interpreter-eda", "interpreter-eog", "interpreter-ppg", "interpreter-respiration"), 1),
+    **dict.fromkeys(("test_alerts.py", "test_asked.py", "test_faults.py", "test_driver_shell.py"), 1),
+    **dict.fromkeys(("test_gui_session.py", "test_gui_strangers.py"), 1),
     **dict.fromkeys(("test_check_driver.py", "test_metadata_registry.py", "test_replay.py", "test_sensor_bench.py"), 1),
     **dict.fromkeys(("test_graph_fuzz.py", "test_stranger.py", "test_three_hosts.py", "compose", "sense4hri"), 1),
 }

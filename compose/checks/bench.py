@@ -2,13 +2,15 @@
 
 import re
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from compose_yaml import near
-from sensor_bench.config import BenchConfig, DeviceKeys, parse
 from study_file import Service, Study
 
 from checks.finding import Finding, Places
+
+if TYPE_CHECKING:
+    from sensor_bench.device import DeviceKeys
 
 ALIKE = 0.85  # from which an address is taken for a wrong spelling of a service's name
 ADDRESSES = ("address", "mac_address")
@@ -20,6 +22,8 @@ def findings(study: Study, places: Places) -> Iterator[Finding]:
     bench = study.of("sensor_bench")
     if bench is None:
         return
+    from sensor_bench.config import BenchConfig, parse  # loads a Bluetooth stack, which takes most of a second
+
     try:
         devices = parse(str(bench.parameters.get("devices", BenchConfig.devices))).devices
     except ValueError:  # told as a parameter
@@ -33,7 +37,7 @@ def findings(study: Study, places: Places) -> Iterator[Finding]:
             yield from _radio(sensor, bench, devices, places)
 
 
-def _nobodys(study: Study, bench: Service, devices: tuple[DeviceKeys, ...], places: Places) -> Iterator[Finding]:
+def _nobodys(study: Study, bench: Service, devices: "tuple[DeviceKeys, ...]", places: Places) -> Iterator[Finding]:
     """Yield virtual devices that go by a name which is nearly a sensor's, but none's."""
     sensors = [sensor.sensor_id for sensor in study.sensors]
     for device in devices:
@@ -43,7 +47,7 @@ def _nobodys(study: Study, bench: Service, devices: tuple[DeviceKeys, ...], plac
             )
 
 
-def _socket(sensor: Service, bench: Service, devices: tuple[DeviceKeys, ...], places: Places) -> Iterator[Finding]:
+def _socket(sensor: Service, bench: Service, devices: "tuple[DeviceKeys, ...]", places: Places) -> Iterator[Finding]:
     """Yield a driver's port in the shared volume that is no device's."""
     made = [str(device.at) for device in devices if hasattr(device, "at")]
     port = str(sensor.parameters.get("port", ""))
@@ -53,7 +57,7 @@ def _socket(sensor: Service, bench: Service, devices: tuple[DeviceKeys, ...], pl
 
 
 def _network(
-    study: Study, sensor: Service, bench: Service, devices: tuple[DeviceKeys, ...], places: Places
+    study: Study, sensor: Service, bench: Service, devices: "tuple[DeviceKeys, ...]", places: Places
 ) -> Iterator[Finding]:
     """Yield a service's name that is misspelt, a port that no device has, and a session of LSL that none is in."""
     keys, given = f"services.{sensor.name}.command", sensor.parameters
@@ -89,7 +93,7 @@ def _list(given: Any) -> list[str]:
     return list(map(str, given)) if isinstance(given, list | tuple) else []
 
 
-def _radio(sensor: Service, bench: Service, devices: tuple[DeviceKeys, ...], places: Places) -> Iterator[Finding]:
+def _radio(sensor: Service, bench: Service, devices: "tuple[DeviceKeys, ...]", places: Places) -> Iterator[Finding]:
     """Yield a driver's name or address that no virtual Bluetooth device has."""
     played = [device for device in devices if hasattr(device, "address") and not hasattr(device, "port")]
     known = {str(getattr(device, "address", "")).lower() for device in played}

@@ -5,6 +5,7 @@ import dataclasses
 import json
 import re
 import tomllib
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +52,8 @@ COMMON_FILES = ("README.md", "package.xml", "pyproject.toml")
 TRANSPORTS = {"bleak", "dbus_fast", "pylsl", "serial", "usb", "bumble", "zmq"}
 NODES = [path for path in SERVICES if is_node(path)]
 each_service = pytest.mark.parametrize("service", SERVICES, ids=lambda path: path.name)
+STAND_FOR_OTHERS = ("driver-polar", "interpreter-ecg")
+"""What else serves nothing but the kit's HTTP, and has a file in tests/graph that begins and ends it, is slow here."""
 each_node = pytest.mark.parametrize("service", NODES, ids=lambda path: path.name)
 
 
@@ -58,6 +61,7 @@ def modules(service: Path) -> list[Path]:
     return sorted((service / "src" / package(service)).rglob("*.py"))
 
 
+@cache
 def imports(module: Path) -> set[str]:
     """Return the top-level names a module imports, wherever in it."""
     names = set()
@@ -189,7 +193,26 @@ def test_every_parameter_has_its_sentence(service):
             schema.check(each.name, each.kind, each.rule, each.default)
 
 
-@each_node
+def stood_for(service: Path) -> bool:
+    """True where others of its role are begun, and its default configuration is checked, in a quick run as well."""
+    role = service.name.partition("-")[0]
+    in_graph = (ROOT / "tests" / "graph" / f"test_{package(service)}.py").exists()
+    return role in ROLE_FILES and in_graph and service.name not in STAND_FOR_OTHERS
+
+
+@pytest.mark.parametrize(
+    "service",
+    [
+        pytest.param(
+            path,
+            id=path.name,
+            marks=pytest.mark.slow(reason=f"{' and '.join(STAND_FOR_OTHERS)}, its file in tests/graph")
+            if stood_for(path)
+            else (),
+        )
+        for path in NODES
+    ],
+)
 def test_it_runs_on_its_default_configuration_and_ends_cleanly(service, start, tmp_path, monkeypatch):
     """It shows metrics without identities, withstands strangers without a traceback, and SIGTERM ends it with 0."""
     monkeypatch.chdir(tmp_path)

@@ -30,10 +30,6 @@ INTERPRETERS = {"accelerometer": "interpreter_motion"}
 """Of sensor types after which theirs is not named."""
 
 
-ALWAYS = "serial"
-"""The one that a run without the slow tests has too."""
-
-
 def studies() -> list[str]:
     """Names of the studies that play one driver's devices."""
     drivers = sorted(path.name.removeprefix("driver-") for path in (ROOT / "services").glob("driver-*"))
@@ -83,9 +79,10 @@ def departing(before: dict[tuple[str, str], Counted], after: dict[tuple[str, str
     return found
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name == ALWAYS else pytest.mark.slow) for name in studies()]
+@pytest.mark.slow(
+    reason="test_stranger: contract, page, report, no sample lost; test_written_study: a report that is complete"
 )
+@pytest.mark.parametrize("name", studies())
 def test_a_device_goes_the_whole_way(demo, name):
     """Nothing is lost from device to recording, its driver keeps the contract, the report is complete."""
     study = study_file.read(study_file.find(name))

@@ -649,3 +649,9 @@ def test_the_command_says_it_with_its_exit_status(tmp_path, study, status, said)
     )  # fmt: skip
     assert done.returncode == status, done.stdout + done.stderr
     assert said in done.stdout + done.stderr
+
+
+def test_who_plays_no_virtual_sensor_waits_for_no_bluetooth_stack():
+    """`make demo` and `make check` load the sensor-bench only for a study that has one: it takes most of a second."""
+    probe = "import sys, demo, check_study; sys.exit(sys.modules.keys() & {'sensor_bench', 'bumble'} != set())"
+    assert subprocess.run([sys.executable, "-c", probe], check=False, cwd=ROOT / "compose").returncode == 0

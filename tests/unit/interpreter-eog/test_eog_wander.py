@@ -30,8 +30,11 @@ def doubted(updates):
     return [any("veog wanders" in reason for reason in update.reasons) for update in updates]
 
 
+FAST = pytest.mark.slow(reason="each kind of noise and both pairs of electrodes are among those at 100 Hz")
+
+
 @pytest.mark.parametrize("names", [("veog",), ("heog", "veog")])
-@pytest.mark.parametrize("fs_hz", [100.0, 250.0, 500.0])
+@pytest.mark.parametrize("fs_hz", [100.0, *(pytest.param(fs_hz, marks=FAST) for fs_hz in (250.0, 500.0))])
 @pytest.mark.parametrize(("exponent", "spread_uv"), [(1.0, 40.0), (1.5, 70.0), (2.0, 200.0)])
 def test_no_blink_of_noise_is_a_good_one(exponent, spread_uv, fs_hz, names):
     """Pink, brown and between, as large as an EOG: the reason, and a quality below 0.7 wherever blinks are counted."""
@@ -52,7 +55,9 @@ def test_noise_that_comes_and_goes_is_still_noise():
 
 @pytest.mark.parametrize(("last", "share"), [(1.0, 0.0), (10.0, 0.1)])
 @pytest.mark.parametrize("names", [("veog",), ("heog", "veog")])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(seed, marks=pytest.mark.slow(reason="another draw of seed 0")) for seed in (1, 2, 3))]
+)
 def test_noise_without_a_blink_is_no_eye_either(seed, names, last, share):
     """Brown noise, as strong throughout or ten times as strong at the end: hardly good from half a minute on."""
     steps = np.random.default_rng(seed).normal(size=(SECONDS * 100, len(names)))

@@ -61,6 +61,7 @@ def test_what_a_quick_run_leaves_out_is_what_the_readme_says():
     """What is marked in these files, and README.md tells of it."""
     assert run.slow_files() == [
         "contract/test_colcon_workspace.py",
+        "contract/test_every_service.py",
         "contract/test_reading_without_ros.py",
         "graph/test_demo_graph.py",
         "graph/test_device_studies.py",
@@ -68,8 +69,10 @@ def test_what_a_quick_run_leaves_out_is_what_the_readme_says():
         "graph/test_nine_modalities.py",
         "graph/test_replay_law.py",
         "graph/test_scripted_study.py",
+        "graph/test_session.py",
         "graph/test_three_hosts.py",
         "unit/interpreter-ecg/test_ecg_recordings.py",
+        "unit/interpreter-eog/test_eog_wander.py",
         "unit/interpreter-ppg/test_ppg_recordings.py",
         "unit/interpreter-respiration/test_respiration.py",
         "unit/sense4hri_session/test_session_hostile.py",

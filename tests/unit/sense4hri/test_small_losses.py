@@ -125,6 +125,12 @@ def played(case: Case, lost: list[tuple[float, float]], late_s: float = 0.0) -> 
     return play(case.make, case.samples, case.fs_hz, case.sensor_type, case.unit, case.names, sizes, lost, late_s)
 
 
+@cache
+def whole(name: str) -> list[Any]:
+    """Updates of a case of which nothing is lost or late."""
+    return played(cases()[name], [])
+
+
 def seconds_told(updates: list[Any]) -> int:
     """In how many seconds something was published: what is told at a hole does not stand in for the rest."""
     return len({update.device_ns // SECOND_NS for update in updates})
@@ -141,10 +147,10 @@ def event_count(updates: list[Any], field: str) -> float:
 def test_lost_frames_cost_neither_updates_nor_events(name):
     """With 3 % of the frames lost by chance there are 95 % of the updates, and the events of the whole signal."""
     case = cases()[name]
-    whole, holed = played(case, []), played(case, losses(LOST))
-    assert seconds_told(holed) >= 0.95 * seconds_told(whole) >= 0.95 * (SECONDS - 2)
+    holed = played(case, losses(LOST))
+    assert seconds_told(holed) >= 0.95 * seconds_told(whole(name)) >= 0.95 * (SECONDS - 2)
     if case.events:
-        expected = event_count(whole, case.events)
+        expected = event_count(whole(name), case.events)
         assert expected >= 3
         assert event_count(holed, case.events) == pytest.approx(expected, rel=0.04)
 
@@ -161,9 +167,9 @@ def test_losses_closer_than_the_grid_do_not_silence_an_interpreter(name):
 def test_jitter_is_no_loss(name):
     """Frames stamped late by up to a quarter of their length bring the updates and events of true stamps."""
     case = cases()[name]
-    whole, jittered = played(case, []), played(case, [], FRAME_S / 4)
-    assert seconds_told(jittered) >= 0.95 * seconds_told(whole)
+    true, jittered = whole(name), played(case, [], FRAME_S / 4)
+    assert seconds_told(jittered) >= 0.95 * seconds_told(true)
     if case.events:
-        assert event_count(jittered, case.events) == pytest.approx(event_count(whole, case.events), rel=0.04)
-    for before, after in zip(whole[20:], jittered[20:], strict=False):
+        assert event_count(jittered, case.events) == pytest.approx(event_count(true, case.events), rel=0.04)
+    for before, after in zip(true[20:], jittered[20:], strict=False):
         assert after.signal_quality == pytest.approx(before.signal_quality, abs=0.1, nan_ok=True)

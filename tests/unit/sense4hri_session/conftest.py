@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -55,15 +56,13 @@ class Study:
         flush_every: messages in a chunk; 0: as many as fit.
         """
         bag = Bag(new_directory(self.parent, "19700101T000000Z"))
-        store = get_typestore(Stores.EMPTY)
         channels: dict[str, Channel] = {}
         for number, (log_ns, _, topic, kind, values) in enumerate(ordered or sorted(self.messages), 1):
             name = kind if "/" in kind else f"sense4hri_msgs/msg/{kind}"
+            text = self.definitions.get(name) or schemas.definition(name)
+            store, type_hash = typestore(name, text)
             if topic not in channels:
-                text = self.definitions.get(name) or schemas.definition(name)
-                types = get_types_from_msg(text, name)
-                store.register({key: value for key, value in types.items() if key not in store.types})
-                channels[topic] = Channel(topic, name, store.hash_rihs01(name), [QOS], text)
+                channels[topic] = Channel(topic, name, type_hash, [QOS], text)
             data = values[BYTES] if BYTES in values else bytes(store.serialize_cdr(build(store, name, values), name))
             head = values.get("header")
             stamp = head["stamp"] if isinstance(head, dict) else {"sec": 0, "nanosec": 0}
@@ -73,6 +72,14 @@ class Study:
                 bag.flush()
         bag.close()
         return bag.directory
+
+
+@cache
+def typestore(name: str, text: str) -> tuple[Any, str]:
+    """What serialises messages of a type, and the type's hash; made once for each definition, which takes 50 ms."""
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(text, name))
+    return store, store.hash_rihs01(name)
 
 
 def build(store: Any, name: str, values: dict[str, Any]) -> Any:
