@@ -4,11 +4,13 @@ import asyncio
 from contextlib import aclosing, asynccontextmanager, closing
 
 import msgpack
+import numpy as np
 import pytest
 from driver_pupil_labs.config import PupilConfig
 from driver_pupil_labs.device import Core
 from driver_pupil_labs.exchange import Asked, best
-from driver_pupil_labs.transport import CaptureLink
+from driver_pupil_labs.protocol import MODELLED
+from driver_pupil_labs.transport import CaptureLink, Heard
 from listened import until
 from sense4hri.device import ClockMeasurement, Declared, Identity, Marked, Samples
 from sense4hri.errors import DeviceLost
@@ -102,6 +104,57 @@ def test_a_capture_that_is_closed_is_lost_and_found_again_with_its_new_clock():
             await again.stop()
 
     assert asyncio.run(listen())[-1].chunk.device_ns < 60 * 10**9
+
+
+def test_pictures_without_a_model_are_spared_and_none_of_the_model_is_missed():
+    """Once told so Capture sends no `pupil.*.2d` any more; the other pictures of each eye go on one by one."""
+
+    async def read(link, seconds):
+        got = []
+        async with asyncio.timeout(DEADLINE_S):
+            while len({each.topic for each in got}) < 2 or time_of(got[-1]) - time_of(got[0]) < seconds:
+                came = await asyncio.to_thread(link.read) or []
+                got += [each for each in came if isinstance(each, Heard) and each.topic.startswith("pupil.")]
+        return got
+
+    async def listen():
+        async with running() as server:
+            with closing(CaptureLink("127.0.0.1", server.port)) as link:
+                before = await read(link, 0.5)
+                link.hear_models_only()
+                return before, await read(link, 2.0)
+
+    before, after = asyncio.run(listen())
+    assert {each.topic for each in before} == {"pupil.0.2d", "pupil.1.2d", *MODELLED}
+    assert {each.topic for each in after[-200:]} == set(MODELLED)
+    for topic in MODELLED:
+        times_s = [time_of(each) for each in before + after if each.topic == topic]
+        np.testing.assert_allclose(np.diff(times_s), 1 / 120, atol=1e-4)
+
+
+def time_of(heard: Heard) -> float:
+    return msgpack.unpackb(heard.payload, strict_map_key=False)["timestamp"]
+
+
+def test_a_model_that_is_switched_off_leads_to_sizes_in_px(monkeypatch):
+    """What it sent is a silence then, though 2d pictures go on; connected again sizes are in px."""
+    monkeypatch.setattr("driver_pupil_labs.device.SILENCE_S", 1.0)
+
+    def sizes(item):
+        return isinstance(item, Samples) and item.sensor_type == "pupillometry"
+
+    async def listen():
+        async with running() as server:
+            device = core(server.port)
+            async with aclosing(device.stream()) as items:
+                await until(items, sizes)
+                server.capture.model = False
+                with pytest.raises(DeviceLost, match="no picture of an eye"):
+                    await until(items, lambda item: False)
+            async with aclosing(device.stream()) as items:
+                return [item for item in await until(items, sizes) if isinstance(item, Declared)]
+
+    assert asyncio.run(listen())[-1].streams["pupillometry"].unit == "px"
 
 
 def test_what_came_before_capture_was_lost_is_read_first():

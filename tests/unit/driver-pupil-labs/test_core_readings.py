@@ -3,6 +3,7 @@
 import asyncio
 import math
 from contextlib import aclosing
+from types import SimpleNamespace
 
 import msgpack
 import numpy as np
@@ -193,6 +194,9 @@ def test_what_came_before_the_end_is_handed_on(monkeypatch, model):
                 raise DeviceLost("Capture is closed")
             return [Heard(1, topic.decode(), payload) for topic, payload in messages]
 
+        def hear_models_only(self):
+            pass
+
         def close(self):
             pass
 
@@ -262,6 +266,20 @@ def test_events_and_notes_are_told_as_what_they_are():
     assert notes == [Note(5_000_500_000_000, "stimulus", ""), Note(5_000_600_000_000, "recording_started", "pilot")]
     names = {feature.name for each in items if isinstance(each, Event) for feature in each.features}
     assert {"blink_onset", "blink_offset", "fixation_duration", "fixation_dispersion"} <= names
+
+
+@pytest.mark.parametrize(
+    ("topic", "key", "spared"),
+    [("pupil.0.3d", "diameter_3d", True), ("pupil.0.2d", "diameter", False), ("pupil.0", "diameter_3d", False)],
+)
+def test_2d_pictures_are_spared_only_where_others_carry_the_sizes(topic, key, spared):
+    """Sizes in mm under a topic of their own; Capture before 2.0 has one topic for all, which must go on."""
+    core, told, asked = Core(PupilConfig(sensor_id="core_1", address="127.0.0.1"), {}), Told(), []
+    core._link = SimpleNamespace(hear_models_only=lambda: asked.append(told.in_mm))
+    for number in range(150):
+        said = {"id": 0, key: 3.0, "confidence": 1.0, "timestamp": 5000.0 + number / 120}
+        assert not core._take(Heard(1, topic, msgpack.packb(said)), told, Silence([], 1.0))
+    assert (bool(asked), all(asked)) == (spared, True)
 
 
 NOW_NS = 1_795_000_000_000_000_000

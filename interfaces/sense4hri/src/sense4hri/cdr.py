@@ -65,8 +65,9 @@ def write_raw(frame_id: str, raw: "RawMessage") -> bytes:
         _TIME.pack_into(message, device_at, *divmod(raw.device_ns, SECOND_NS))
     except struct.error as err:
         raise ValueError(f"stamps of {raw.received_ns} and {raw.device_ns} ns: a Time holds no such") from err
-    for at, column in zip(columns_at, raw.samples.T, strict=True):
-        message[at : at + octets] = column.astype("<f8", copy=False).tobytes()
+    columns = raw.samples.T.astype("<f8", copy=False).tobytes()  # all at once: a column alone costs as much
+    for at, number in zip(columns_at, range(raw.samples.shape[1]), strict=True):
+        message[at : at + octets] = columns[number * octets : (number + 1) * octets]
     return bytes(message)
 
 

@@ -19,7 +19,6 @@ from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
 from rclpy.node import Node
 from rclpy.subscription import Subscription
-from rclpy.waitable import NumberOfEntities
 
 from sense4hri.graph_guard import GraphGuard
 from sense4hri.pace import Pace
@@ -260,8 +259,8 @@ class Executor:
                     events.append(event)
             if not events:
                 return
-            total = sum((event.get_num_entities() for event in events), NumberOfEntities())
-            wait_set = rcl.WaitSet(0, 0, 0, 0, 0, total.num_events, self._context.handle)
+            number = sum(event.get_num_entities().num_events for event in events)
+            wait_set = rcl.WaitSet(0, 0, 0, 0, 0, number, self._context.handle)
             held.enter_context(wait_set)
             wait_set.clear_entities()
             waited = [event for event in events if _add(event, wait_set)]

@@ -131,7 +131,7 @@ class SampleClock:
         if previous_ns is not None and stamp_ns <= previous_ns:
             self.backwards_total += 1
             break_ = Break.RESET
-        return self._timed(chunk, np.full(n, stamp_ns, np.int64), break_, 0)
+        return self._timed(chunk, np.array([stamp_ns] * n, np.int64), break_, 0)
 
     def _back_from(self, stamp_ns: int, n: int) -> NDArray[np.int64]:
         ages = np.arange(n - 1, -1, -1) * (SECOND_NS / self.fs_hz)

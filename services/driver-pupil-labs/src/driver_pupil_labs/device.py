@@ -1,6 +1,6 @@
 """Pupil Core as the kit sees it: connects to Pupil Capture, and yields until it is gone."""
 
-from collections.abc import AsyncGenerator, Iterator, Mapping
+from collections.abc import AsyncGenerator, Iterator, Mapping, Sequence
 from contextlib import closing
 
 from sense4hri.arrivals import Silence, from_thread
@@ -12,7 +12,7 @@ from sense4hri.stamps import SECOND_NS
 from driver_pupil_labs import protocol
 from driver_pupil_labs.config import PupilConfig
 from driver_pupil_labs.eyes import WAIT_FRAMES, InOrder, Pairing, rate_hz
-from driver_pupil_labs.protocol import Event, Gaze, Note, Pupil, Reading
+from driver_pupil_labs.protocol import MODELLED, Event, Gaze, Note, Pupil, Reading
 from driver_pupil_labs.streams import LISTEN_S, Known, Rows, check_time_goes_on
 from driver_pupil_labs.transport import CaptureLink, Heard, Message
 
@@ -57,31 +57,37 @@ class Core:
             return
         self._link.tell(protocol.annotation(marker.name, marker.value, marker.event_ns - self._offset_ns))
 
-    def _take(self, heard: Message, told: "Told", silence: Silence) -> Iterator[Item]:
+    def _take(self, heard: Message, told: "Told", silence: Silence) -> Sequence[Item]:
         """Decode one message; what cannot be decoded is handed on as the error that says why."""
         if not isinstance(heard, Heard):
             if isinstance(heard, ClockMeasurement):
                 self._offset_ns, told.measured = heard.offset_ns, heard
-            yield heard
-            return
+            return (heard,)
         try:
             reading = protocol.decode(heard.topic, heard.payload)
             if isinstance(reading, Pupil):
                 silence.broken_by("picture of an eye")
-            yield from self._items(reading, heard.received_ns, told)
+                self._spare_2d(heard.topic, told)
+            return self._items(reading, heard.received_ns, told)
         except FrameError as err:
-            yield err
+            return (err,)
 
-    def _items(self, reading: Reading | None, received_ns: int, told: "Told") -> Iterator[Item]:
+    def _spare_2d(self, topic: str, told: "Told") -> None:
+        """Let Capture no longer send what is left out anyway, once sizes are by topics of the 3d model."""
+        if self._link is not None and told.in_mm and topic in MODELLED:
+            self._link.hear_models_only()
+
+    def _items(self, reading: Reading | None, received_ns: int, told: "Told") -> Sequence[Item]:
         match reading:
             case Gaze():
                 told.gaze(reading, received_ns)
             case Pupil():
                 told.pupil(reading, received_ns)
             case Event(time_ns, features):
-                yield Reported("eye_tracking", received_ns, time_ns, features)
+                return (Reported("eye_tracking", received_ns, time_ns, features),)
             case Note(time_ns, name, value):
-                yield Marked(event_ns(received_ns, time_ns, self._offset_ns), time_ns, name, value)
+                return (Marked(event_ns(received_ns, time_ns, self._offset_ns), time_ns, name, value),)
+        return ()
 
 
 class Told:
@@ -92,6 +98,11 @@ class Told:
         self.measured: ClockMeasurement | None = None
         self._first: list[tuple[Pupil, int]] = []
         self._eyes: Eyes | None = None
+
+    @property
+    def in_mm(self) -> bool:
+        """Whether the first second has told that sizes are in mm."""
+        return self._eyes is not None and self._eyes.unit == "mm"
 
     def gaze(self, gaze: Gaze, received_ns: int) -> None:
         """Take a direction of gaze; before it is known which eyes there are it is left out."""
@@ -134,15 +145,15 @@ class Eyes:
     """The eyes whose cameras run, and what is measured of them: decided once, from the first second of pictures."""
 
     def __init__(self, first: list[Pupil]) -> None:
-        self._unit = "mm" if any(pupil.unit == "mm" for pupil in first) else "px"
-        kept = [pupil for pupil in first if pupil.unit == self._unit]
+        self.unit = "mm" if any(pupil.unit == "mm" for pupil in first) else "px"
+        kept = [pupil for pupil in first if pupil.unit == self.unit]
         eyes = frozenset(pupil.eye for pupil in kept)
         rate = max(rate_hz([pupil.time_ns for pupil in kept if pupil.eye == eye]) for eye in eyes)
         period_ns = SECOND_NS / (rate or SLOWEST_HZ)
         self._pairing = Pairing(eyes, period_ns)
         self._in_order = InOrder((WAIT_FRAMES + 2) * period_ns if len(eyes) > 1 else 0.0)
         self._gaze = Rows("eye_tracking", GAZE, irregular=len(eyes) > 1)
-        self._sizes = Rows("pupillometry", (self._unit, 0.0, LARGEST[self._unit], BITS, self._pairing.channels))
+        self._sizes = Rows("pupillometry", (self.unit, 0.0, LARGEST[self.unit], BITS, self._pairing.channels))
         self.streams = (self._gaze, self._sizes)
 
     def gaze(self, gaze: Gaze, received_ns: int) -> None:
@@ -152,7 +163,7 @@ class Eyes:
 
     def pupil(self, pupil: Pupil, received_ns: int) -> None:
         """Take a picture of an eye; where there are sizes in mm those in px of the same pictures are left out."""
-        if pupil.unit != self._unit:
+        if pupil.unit != self.unit:
             if pupil.unit == "mm":
                 raise DeviceLost("Pupil Capture has begun to fit its 3d model: beginning again in mm")
             return

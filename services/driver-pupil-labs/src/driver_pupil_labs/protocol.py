@@ -13,6 +13,8 @@ from sense4hri.errors import FrameError
 from sense4hri.stamps import LATEST_NS, SECOND_NS
 
 TOPICS = ("gaze.", "pupil.", "fixations", "blinks", "annotation", "notify.annotation", "notify.recording.")
+MODELLED = ("pupil.0.3d", "pupil.1.3d")
+"""Of what begins with `pupil.`: what the 3d model says, once for each picture of an eye, as the 2d ones are."""
 RIGHT, LEFT = 0, 1
 LARGEST = 1e12
 OURS = "sense4hri"  # key of the annotations that this driver has sent itself
@@ -91,7 +93,7 @@ def _gaze(content: Mapping[str, Any]) -> Gaze:
     position = content.get("norm_pos")
     if not isinstance(position, list) or len(position) != 2:
         raise FrameError(f"gaze: norm_pos is {str(position)[:60]}, must be two numbers")
-    x, y = (_number_of("gaze: norm_pos", value) for value in position)
+    x, y = [_number_of("gaze: norm_pos", value) for value in position]
     return Gaze(_time_ns(content), x, y, _number(content, "confidence"))
 
 
@@ -155,7 +157,7 @@ def _number(content: Mapping[str, Any], key: str) -> float:
 
 
 def _number_of(what: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < LARGEST:
+    if type(value) not in (float, int) or not abs(value) < LARGEST:
         raise FrameError(f"{what} is {str(value)[:60]}, must be a number below {LARGEST:g}")
     return float(value)
 

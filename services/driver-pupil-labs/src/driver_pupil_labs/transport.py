@@ -16,13 +16,14 @@ from sense4hri.errors import DeviceLost
 from sense4hri.stamps import SECOND_NS
 
 from driver_pupil_labs.exchange import Asked, best
-from driver_pupil_labs.protocol import TOPICS
+from driver_pupil_labs.protocol import MODELLED, TOPICS
 
 ANSWER_S = 2.0  # within which Capture answers a request
 EXCHANGES = 12  # quick ones, of which the shortest round trip counts
 EVERY_S = 2.0  # between two measurements of the clock
 LARGEST = 1 << 20  # bytes of a message
 MOST_AT_ONCE = 100  # messages before the clock's answer is looked for again
+ONLY_MODELS = frozenset(TOPICS) - {"pupil."} | frozenset(MODELLED)
 CLOCK = (b"t",)
 METHOD = "best of 12 requests of Pupil time"
 
@@ -39,7 +40,10 @@ Message = Heard | ClockMeasurement | Identity
 
 
 class CaptureLink:
-    """A connection to Pupil Capture; nothing waits for it but `read`. All but `tell` is for one thread at a time."""
+    """A connection to Pupil Capture; nothing waits for it but `read`.
+
+    All but `tell` and `hear_models_only` is for one thread at a time.
+    """
 
     def __init__(self, host: str, port: int) -> None:
         self._host, self._where = in_url(host), f"Pupil Capture at {in_url(host)}:{port}"
@@ -56,6 +60,8 @@ class CaptureLink:
         self._asked_ns, self._clock_at_s = 0, 0.0
         self._exchanges: list[Asked] = []
         self._failure: DeviceLost | None = None
+        self._topics: frozenset[str] = frozenset()
+        self._wanted = frozenset(TOPICS)
         self._connect(self._asking, port)
 
     def _connect(self, socket: "zmq.Socket[bytes]", port: int) -> None:
@@ -68,6 +74,10 @@ class CaptureLink:
     def tell(self, parts: tuple[bytes, bytes]) -> None:
         """Let Capture publish a message; from any thread, sent soon."""
         self._requests.append(parts)
+
+    def hear_models_only(self) -> None:
+        """Leave out pictures of eyes without a 3d model soon: a third of all messages; from any thread."""
+        self._wanted = ONLY_MODELS
 
     def read(self) -> list[Message] | None:
         """Wait a moment; return what came, stamped as it came.
@@ -85,6 +95,7 @@ class CaptureLink:
 
     def _gather(self, heard: list[Message]) -> None:
         """Add what comes within a moment. Raises DeviceLost."""
+        self._subscribe()
         until_s = time.monotonic() + MESSAGE_S
         while time.monotonic() < until_s:
             self._request()
@@ -120,8 +131,15 @@ class CaptureLink:
         if not (port.isdigit() and 0 < int(port) < 1 << 16):
             raise DeviceLost(f"{self._where} says {port[:60]!r} when asked for its port: no Pupil Capture or Service")
         self._connect(self._hearing, int(port))
-        for topic in TOPICS:
+
+    def _subscribe(self) -> None:
+        """Hear what is wanted; what is wanted before and after is not interrupted."""
+        wanted = self._wanted
+        for topic in wanted - self._topics:
             self._hearing.subscribe(topic)
+        for topic in self._topics - wanted:
+            self._hearing.unsubscribe(topic)
+        self._topics = wanted
 
     def _exchanged(self, answer: str, answered_ns: int) -> list[Message]:
         try:
