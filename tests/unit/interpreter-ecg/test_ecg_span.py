@@ -48,7 +48,7 @@ def test_jitters_are_those_of_the_newest_beats():
 
 @pytest.mark.parametrize(("doubtful_s", "longer_s"), [(1, 1), (5, 5), (200, LONGEST_DOUBT_S)])
 def test_a_doubt_lasts_as_long_again(doubtful_s, longer_s):
-    """After so many seconds in doubt, one look each, so many more, at most 20; where nobody can look it does not end."""
+    """After so many seconds in doubt, one look each, so many more, at most 20; without a look it stays."""
     doubt, at_s = Doubt(0), 0
 
     def lasts(doubtful):

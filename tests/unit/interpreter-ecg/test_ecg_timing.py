@@ -196,7 +196,7 @@ def test_premature_beats_of_the_first_minute(rate_bpm: int, share: float, seed: 
 
 @pytest.mark.parametrize("seed", [27, 29])
 def test_where_few_beats_foretell_too_little_all_are_in_doubt(seed: int) -> None:
-    """Of the first 24 intervals 8 are those round early beats, and none is told; without these beats none is in doubt."""
+    """Of the first 24 intervals 8 are those round early beats, none is told; without these beats none is in doubt."""
     sinus = arrhythmias.sinus(48, depth=0.1, seed=seed)
     early = arrhythmias.atrial_premature(sinus, 0.2, seed)
     for intervals_s, all_doubtful in ((np.diff(early.rhythm.beats_s)[:24], True), (sinus[:24], False)):

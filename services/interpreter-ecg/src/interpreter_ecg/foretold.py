@@ -85,7 +85,7 @@ def unforeseen(rr_ms: Floats, linked: Bools, left_out: Bools) -> Bools:
     none of the sinus node's. Breathing is nearly periodic, so an interval follows from those on both sides of it (an
     autoregressive model of the window, fitted with Cauchy's weights against outliers). A premature beat and the pause
     after it do not, and are judged together, by the likelihood ratio of a beat that is early by any length. Those found
-    are taken out of what foretells the others until nothing changes. Of few, nothing is known. Where the others foretell
+    are taken out of what foretells the others until nothing changes. Of few, nothing is known. Where others foretell
     so badly that even an early beat would not stick out, every one may be early.
     """
     if len(rr_ms) < FEWEST_INTERVALS:

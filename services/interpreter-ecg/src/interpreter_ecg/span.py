@@ -1,4 +1,4 @@
-"""What is kept of the span of variability: the labels of its beats, how far noise moves them, what is in doubt. Pure."""
+"""What is kept of the span of variability: labels of beats, how far noise moves them, what is in doubt. Pure."""
 
 from collections import Counter, deque
 
@@ -61,7 +61,7 @@ class Jitters:
 
 
 class Doubt:
-    """A doubt that is gone lasts as long again as there was one, up to LONGEST_DOUBT_S; times on the event clock, ns."""
+    """A doubt that is gone lasts as long again as there was one, up to LONGEST_DOUBT_S; times in ns, event clock."""
 
     def __init__(self, first_ns: int) -> None:
         self._looked_ns, self._left_ns = first_ns, 0

@@ -232,7 +232,7 @@ class EcgStream:
         ectopic_percent = self._labels.ectopic_percent(start_ns, found.early)
         many, hangs = ectopic_percent > MOST_ECTOPIC_PERCENT, self._hangs(span, found, hrv.rmssd_ms)
         doubtful = many or (hangs and self._hidden(span, found, hrv.rmssd_ms))
-        lasts = self._doubt.lasts(doubtful if many or math.isfinite(hrv.rmssd_ms) else None, end_ns)
+        lasts = self._doubt.lasts(doubtful if math.isfinite(hrv.rmssd_ms) else None, end_ns)
         if many:
             return withheld(hrv), (f"hrv withheld: ectopic {ectopic_percent:.0f} %",), ectopic_percent
         if hangs and lasts:
