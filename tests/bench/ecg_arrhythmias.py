@@ -84,10 +84,11 @@ def ventricular_runs(intervals_s: Floats, length: int, every_s: float = 20.0, ra
         since_s += interval_s
     ventricular = np.array(wide)
     arrhythmia = of(np.array(parts), ventricular | np.append(False, ventricular[:-1]), ventricular)
-    return _until(arrhythmia, float(0.5 + intervals_s.sum()))
+    return until(arrhythmia, float(0.5 + intervals_s.sum()))
 
 
-def _until(arrhythmia: Arrhythmia, seconds: float) -> Arrhythmia:
+def until(arrhythmia: Arrhythmia, seconds: float) -> Arrhythmia:
+    """Its beats before that time."""
     rhythm, normal_to_normal = arrhythmia
     inside = rhythm.beats_s < seconds
     return Arrhythmia(trials.Rhythm(rhythm.beats_s[inside], rhythm.normal[inside]), normal_to_normal[inside])
@@ -96,7 +97,7 @@ def _until(arrhythmia: Arrhythmia, seconds: float) -> Arrhythmia:
 def pauses(intervals_s: Floats, pause_s: float, every: int = 25) -> Arrhythmia:
     """Every so many beats the sinus node pauses."""
     at = np.arange(len(intervals_s)) % every == every - 1
-    return _until(of(np.where(at, pause_s, intervals_s), at), float(0.5 + intervals_s.sum()))
+    return until(of(np.where(at, pause_s, intervals_s), at), float(0.5 + intervals_s.sum()))
 
 
 def blocked(intervals_s: Floats, conducted: int, two_to_one: int) -> Arrhythmia:

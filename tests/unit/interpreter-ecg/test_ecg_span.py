@@ -6,7 +6,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from interpreter_ecg.morphology import Label
-from interpreter_ecg.span import Jitters, Labels
+from interpreter_ecg.span import LONGEST_DOUBT_S, Doubt, Jitters, Labels
+from sense4hri.stamps import SECOND_NS
 
 MOST, SPAN_NS = 20, 30
 
@@ -43,3 +44,19 @@ def test_jitters_are_those_of_the_newest_beats():
         jitters.add(n, n / 10)
     assert jitters.after(45).tolist() == [4.6, 4.7, 4.8, 4.9]
     assert len(jitters.after(49)) == 0
+
+
+@pytest.mark.parametrize(("doubtful_s", "longer_s"), [(1, 1), (5, 5), (200, LONGEST_DOUBT_S)])
+def test_a_doubt_lasts_as_long_again(doubtful_s, longer_s):
+    """After so many seconds in doubt, one look each, so many more, at most 20; without a look it stays."""
+    doubt, at_s = Doubt(0), 0
+
+    def lasts(doubtful):
+        nonlocal at_s
+        at_s += 1
+        return doubt.lasts(doubtful, at_s * SECOND_NS)
+
+    assert not lasts(False)
+    assert all(lasts(True) for _ in range(doubtful_s))
+    assert all(lasts(None) for _ in range(30))
+    assert sum(lasts(False) for _ in range(60)) == longer_s - 1

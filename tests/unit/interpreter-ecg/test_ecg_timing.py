@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from interpreter_ecg.foretold import doubt_ms, unforeseen
+from interpreter_ecg.foretold import doubt_ms, newest_ms, unforeseen
 from interpreter_ecg.timing import irregular, paused, premature
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
@@ -175,6 +175,34 @@ def test_the_pause_after_a_premature_beat_is_no_late_beat_to_compare_it_with() -
     linked, known = unbroken(len(intervals_ms)), np.zeros(len(intervals_ms), bool)
     assert intervals_ms[29] > intervals_ms[28]
     assert np.flatnonzero(unforeseen(intervals_ms, linked, known)).tolist() == [29, 30]
+
+
+def test_a_premature_beat_among_the_newest_is_not_foretold_from_both_sides() -> None:
+    """The newest of 28 beats is early: nothing is unforeseen, but RMSSD hangs on it, as it does on no other."""
+    intervals_ms, linked, known = 1e3 * arrhythmias.sinus(50, depth=0.1, seed=5)[:27], unbroken(27), np.zeros(27, bool)
+    assert newest_ms(intervals_ms, linked, known) < 10
+    intervals_ms[26] *= 0.7
+    assert not unforeseen(intervals_ms, linked, known).any()
+    assert newest_ms(intervals_ms, linked, known) > 10
+    assert np.isnan(newest_ms(intervals_ms[:5], linked[:5], known[:5]))
+
+
+@pytest.mark.parametrize(("rate_bpm", "share", "seed"), [(50, 0.05, 5), (58, 0.1, 6), (42, 0.2, 7)])
+def test_premature_beats_of_the_first_minute(rate_bpm: int, share: float, seed: int) -> None:
+    """Among the newest, or told and hidden again as beats come in: 9 RMSSD were 14 to 37 ms off."""
+    arrhythmia = arrhythmias.atrial_premature(arrhythmias.sinus(rate_bpm, depth=0.1, seed=seed), share, seed)
+    assert arrhythmias.told(arrhythmias.until(arrhythmia, 62.0), 250.0).wrong == 0
+
+
+@pytest.mark.parametrize("seed", [27, 29])
+def test_where_few_beats_foretell_too_little_all_are_in_doubt(seed: int) -> None:
+    """Of the first 24 intervals 8 are those round early beats, none is told; without these beats none is in doubt."""
+    sinus = arrhythmias.sinus(48, depth=0.1, seed=seed)
+    early = arrhythmias.atrial_premature(sinus, 0.2, seed)
+    for intervals_s, all_doubtful in ((np.diff(early.rhythm.beats_s)[:24], True), (sinus[:24], False)):
+        found, linked = left_out(intervals_s)[0], unbroken(24)
+        assert not found.any()
+        assert unforeseen(1e3 * intervals_s, linked, found).all() == all_doubtful
 
 
 def test_doubt_is_not_less_than_what_is_unforeseen_changes() -> None:

@@ -26,6 +26,7 @@ BRAKES = np.array([[-1.0], [-0.5], [0.0], [0.5], [1.0]])  # the same after a lat
 UNFORESEEN = 3.0  # standard deviations by which a beat is earlier than foretold, ...
 DIP = 0.03  # ... in an interval shorter by so much than the one before; else ...
 LATE = 1.2  # ... by so much more than any beat elsewhere is late, too: hearts brake between two beats as well
+BLIND = 0.25  # of the median interval: where a beat so early may not be unforeseen, all are in doubt
 CERTAIN = 0.5  # of what is known of an interval far from gaps: with less nothing is told
 MANY = 0.25  # of the beats: rather than so many are early, the heart beats twice a breath
 MOST_LOOKS = 12
@@ -65,6 +66,18 @@ def doubt_ms(rr_ms: Floats, linked: Bools, left_out: Bools) -> float:
     return float(max(rmssd_ms - least_ms, most_ms - rmssd_ms))
 
 
+def newest_ms(rr_ms: Floats, linked: Bools, left_out: Bools) -> float:
+    """By how much RMSSD is larger with the newest ORDER intervals, which are not foretold from both sides.
+
+    NaN where no two others follow each other.
+    """
+    power, chained = (rr_ms[1:] - rr_ms[:-1]) ** 2, linked[1:] & ~left_out[1:] & ~left_out[:-1]
+    older = chained[:-ORDER]
+    if not older.any():
+        return np.nan
+    return float(np.sqrt(power[chained].mean()) - np.sqrt(power[:-ORDER][older].mean()))
+
+
 def unforeseen(rr_ms: Floats, linked: Bools, left_out: Bools) -> Bools:
     """Those left out, and the two intervals round each beat that is earlier than the others foretell.
 
@@ -72,7 +85,8 @@ def unforeseen(rr_ms: Floats, linked: Bools, left_out: Bools) -> Bools:
     none of the sinus node's. Breathing is nearly periodic, so an interval follows from those on both sides of it (an
     autoregressive model of the window, fitted with Cauchy's weights against outliers). A premature beat and the pause
     after it do not, and are judged together, by the likelihood ratio of a beat that is early by any length. Those found
-    are taken out of what foretells the others until nothing changes. Of few, nothing is known.
+    are taken out of what foretells the others until nothing changes. Of few, nothing is known. Where others foretell
+    so badly that even an early beat would not stick out, every one may be early.
     """
     if len(rr_ms) < FEWEST_INTERVALS:
         return left_out
@@ -93,7 +107,7 @@ def unforeseen(rr_ms: Floats, linked: Bools, left_out: Bools) -> Bools:
 
 
 def _early(length: Floats, begin: Floats, linked: Bools, known: Bools, dip: Bools) -> Bools:
-    """Which intervals end with a beat that is earlier than foretold.
+    """Which intervals end with a beat that is earlier than foretold; all, where one need not stick out.
 
     length: of the intervals, less the median; begin: the same for the first fit, with the usual length instead of that
     of short ones; known: which, from the ORDER-th on, follow so many; dip: which are shorter than the one before.
@@ -115,7 +129,8 @@ def _early(length: Floats, begin: Floats, linked: Bools, known: Bools, dip: Bool
         early = Early(np.where(found, early.by, 0.0), early.pause)
         cleaned = fitted = length + early.by - _previous(early.by * early.pause, linked)
         weight = known / (1 + ((np.convolve(fitted, model, "valid") - mean) / (OUTLYING * spread)) ** 2)
-    return found
+    surely = spread * (1 + 2 / np.sqrt(2 * (np.count_nonzero(known) - ORDER - 1)))
+    return found | (UNFORESEEN * surely > BLIND * np.sqrt(model @ model))
 
 
 def _autoregression(length: Floats, weight: Floats) -> tuple[Floats, float]:

@@ -1,11 +1,14 @@
-"""What is kept of every beat of the span of variability: its label, and how far noise moves it. Pure."""
+"""What is kept of the span of variability: labels of beats, how far noise moves them, what is in doubt. Pure."""
 
 from collections import Counter, deque
 
 import numpy as np
 from numpy.typing import NDArray
+from sense4hri.stamps import SECOND_NS
 
 from interpreter_ecg.morphology import Label
+
+LONGEST_DOUBT_S = 20.0  # two breaths at least, so that the next early beat comes at another phase of one
 
 
 class Labels:
@@ -55,3 +58,18 @@ class Jitters:
             self._times_ns.popleft()
             self._jitters_s.popleft()
         return np.fromiter(self._jitters_s, np.float64, len(self._jitters_s))
+
+
+class Doubt:
+    """A doubt that is gone lasts as long again as there was one, up to LONGEST_DOUBT_S; times in ns, event clock."""
+
+    def __init__(self, first_ns: int) -> None:
+        self._looked_ns, self._left_ns = first_ns, 0
+
+    def lasts(self, doubtful: bool | None, now_ns: int) -> bool:
+        """Take the next look; None where there is nothing to look at, which leaves a doubt as it is."""
+        passed_ns, self._looked_ns = now_ns - self._looked_ns, now_ns
+        if doubtful is not None:
+            left_ns = self._left_ns + (passed_ns if doubtful else -passed_ns)
+            self._left_ns = min(max(left_ns, 0), round(LONGEST_DOUBT_S * SECOND_NS))
+        return bool(doubtful) or self._left_ns > 0

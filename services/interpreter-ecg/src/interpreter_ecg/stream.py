@@ -19,7 +19,7 @@ from sense4hri.stream_info import StreamInfo
 from interpreter_ecg.config import Config
 from interpreter_ecg.detector import Beat, Detector
 from interpreter_ecg.features import contrast, signal_quality
-from interpreter_ecg.foretold import doubt_ms, unforeseen
+from interpreter_ecg.foretold import doubt_ms, newest_ms, unforeseen
 from interpreter_ecg.intervals import (
     FEWEST_INTERVALS,
     Interval,
@@ -30,7 +30,7 @@ from interpreter_ecg.intervals import (
     usual_ms,
 )
 from interpreter_ecg.morphology import Label, Morphology
-from interpreter_ecg.span import Jitters, Labels
+from interpreter_ecg.span import Doubt, Jitters, Labels
 from interpreter_ecg.timing import Irregular, irregular
 
 FS_HZ = (50.0, 8000.0)
@@ -99,6 +99,7 @@ class EcgStream:
         most = round(MOST_BEATS_PER_S * self._config.hrv_window_s)
         self._labels = Labels(most)
         self._jitters = Jitters(most)  # of the beats of variability
+        self._doubt = Doubt(first_ns)  # whether premature beats are told
         self._missing_ns: NDArray[np.int64] = np.empty(0, np.int64)  # times of the newest values that are not numbers
         self._quality = np.nan
 
@@ -229,9 +230,12 @@ class EcgStream:
         found = irregular(span.raw.rr_ms, span.raw.linked)
         hrv, reasons = variability(span, found.left_out)
         ectopic_percent = self._labels.ectopic_percent(start_ns, found.early)
-        if ectopic_percent > MOST_ECTOPIC_PERCENT:
+        many, hangs = ectopic_percent > MOST_ECTOPIC_PERCENT, self._hangs(span, found, hrv.rmssd_ms)
+        doubtful = many or (hangs and self._hidden(span, found, hrv.rmssd_ms))
+        lasts = self._doubt.lasts(doubtful if math.isfinite(hrv.rmssd_ms) else None, end_ns)
+        if many:
             return withheld(hrv), (f"hrv withheld: ectopic {ectopic_percent:.0f} %",), ectopic_percent
-        if self._untold(span, found, hrv.rmssd_ms):
+        if hangs and lasts:
             return withheld(hrv), (UNTOLD,), ectopic_percent
         of_noise = of_noise_ms(hrv.rmssd_ms, self._jitters.after(start_ns))
         if of_noise > MOST_OF_NOISE_MS:
@@ -242,13 +246,18 @@ class EcgStream:
         return hrv, reasons, ectopic_percent
 
     @staticmethod
-    def _untold(span: Span, found: Irregular, rmssd_ms: float) -> bool:
+    def _hangs(span: Span, found: Irregular, rmssd_ms: float) -> bool:
+        """Whether premature beats that were not told could move RMSSD."""
+        return math.isfinite(rmssd_ms) and doubt_ms(span.raw.rr_ms, span.raw.linked, found.left_out) > MOST_UNTOLD_MS
+
+    @staticmethod
+    def _hidden(span: Span, found: Irregular, rmssd_ms: float) -> bool:
         """Whether RMSSD depends on intervals that may end with premature beats that were not told."""
-        told = span.raw.rr_ms, span.raw.linked, found.left_out
-        if math.isnan(rmssd_ms) or doubt_ms(*told) <= MOST_UNTOLD_MS:
-            return False
-        more = unforeseen(*told)
-        if np.array_equal(more, found.left_out):
+        rr_ms, linked, left_out = span.raw.rr_ms, span.raw.linked, found.left_out
+        more = unforeseen(rr_ms, linked, left_out)
+        if newest_ms(rr_ms, linked, more) > MOST_UNTOLD_MS:
+            return True
+        if np.array_equal(more, left_out):
             return False
         return not abs(variability(span, more)[0].rmssd_ms - rmssd_ms) <= MOST_UNTOLD_MS
 
