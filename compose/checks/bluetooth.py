@@ -13,7 +13,7 @@ DENIED = ErrorType.ACCESS_DENIED.value
 def adapters(address: str) -> tuple[list[str], str]:
     """Return the names of the adapters at this bus that are switched on, and what is wrong ("": nothing)."""
     try:
-        found = asyncio.run(asyncio.wait_for(_adapters(address), ANSWER_S))
+        found = asyncio.run(_adapters(address))
     except DBusError as error:
         why = "D-Bus denies this user BlueZ" if error.type == DENIED else "bluetoothd does not run"
         return [], f"{why}, so no Bluetooth is reached: {error.text}"
@@ -26,12 +26,14 @@ def adapters(address: str) -> tuple[list[str], str]:
 
 
 async def _adapters(address: str) -> dict[str, bool]:
-    bus = await MessageBus(bus_address=address).connect()
-    try:
-        asked = Message("org.bluez", "/", "org.freedesktop.DBus.ObjectManager", member="GetManagedObjects")
-        answer = await bus.call(asked)
-    finally:
-        bus.disconnect()
+    """Raises TimeoutError after ANSWER_S."""
+    async with asyncio.timeout(ANSWER_S):
+        bus = await MessageBus(bus_address=address).connect()
+        try:
+            asked = Message("org.bluez", "/", "org.freedesktop.DBus.ObjectManager", member="GetManagedObjects")
+            answer = await bus.call(asked)
+        finally:
+            bus.disconnect()
     if answer is None:
         raise EOFError
     if answer.message_type is not MessageType.METHOD_RETURN:
