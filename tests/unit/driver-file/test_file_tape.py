@@ -62,6 +62,18 @@ def test_irregular_samples_are_messages_of_their_own_with_their_own_times():
     assert all(item.times_ns is None and len(item.chunk.samples) == 1 for item in items)
 
 
+@pytest.mark.parametrize(("fs_hz", "begun_ms"), [(100, 5_000_000), (100, 3000), (0, 5_000_000)])
+def test_a_clock_that_begins_anew_in_the_file_is_not_waited_for(fs_hz, begun_ms):
+    """Half a second before and after: all is played within a second, in order, by its own times."""
+    times_ms = [*np.arange(begun_ms, begun_ms + 500, 10), *np.arange(10, 510, 10)]
+    tape = Tape([recorded("ecg", fs_hz, times_ms)], (), config(frame_s=0.1))
+    counts = [sum(len(item.chunk.samples) for item in tape.items(frame, NOW_NS)) for frame in range(10)]
+    assert (tape.frames, counts) == (10, [10] * 10)
+    values = np.concatenate([item.chunk.samples[:, 0] for item in played(tape, 10)])
+    np.testing.assert_array_equal(values, np.arange(100))
+    assert played(tape, 10)[-1].chunk.device_ns == times_ms[-1] * MS
+
+
 def test_irregular_samples_of_one_time_follow_each_other():
     """A batch that its recorder stamped once, as LSL and phones do, is no reset of the device for its readers."""
     tape = Tape([recorded("eda", 0, [1000, 1000, 1000, 1070, 1070])], (), config())

@@ -10,7 +10,7 @@ from sense4hri.arrivals import in_thread
 from sense4hri.chunk import Chunk
 from sense4hri.device import Declared, Item, Marked, Noted, Samples, Stream
 from sense4hri.errors import ConfigError, DeviceLost
-from sense4hri.signal_files.content import Event
+from sense4hri.signal_files.content import Event, IntArray
 from sense4hri.stamps import SECOND_NS
 
 from driver_file import transport
@@ -18,6 +18,7 @@ from driver_file.config import FileConfig
 from driver_file.protocol import Recorded
 
 SHOWN = 5  # names of events that are not played
+RESET_NS = SECOND_NS  # a clock that falls back by more has begun anew; by less, samples came out of order
 
 
 class FilePlayer:
@@ -51,8 +52,8 @@ class Tape:
     """The part of a recording that is played, cut into frames of `frame_s`; pure.
 
     Times are the file's own, moved by whole seconds where they began at 0 or before, because 0 means no time; in every
-    further round, which takes a frame at least, they go on where the last one ended. unheard: names of the events
-    outside it.
+    further round, which takes a frame at least, they go on where the last one ended. What comes after a clock in the
+    file began anew is played a sample later. unheard: names of the events outside it.
     """
 
     def __init__(self, recorded: list[Recorded], events: tuple[Event, ...], config: FileConfig) -> None:
@@ -69,10 +70,11 @@ class Tape:
         self.recorded = [_one_by_one(each) for each in self.recorded]
         self._speed = config.speed
         self._frame_ns = round(config.frame_s * SECOND_NS)
-        self._begin_ns = min(int(each.times_ns.min()) for each in self.recorded)
-        self._round_ns = max(self._frame_ns, *(_end_ns(each) - self._begin_ns for each in self.recorded))
+        self._due = [_due_ns(each) for each in self.recorded]
+        self._begin_ns = min(int(due[0]) for due in self._due)
+        ends_ns = [int(due[-1]) + _usual_ns(each) for each, due in zip(self.recorded, self._due, strict=True)]
+        self._round_ns = max(self._frame_ns, max(ends_ns) - self._begin_ns)
         self.frames = -(-self._round_ns // self._frame_ns)
-        self._due = [np.maximum.accumulate(each.times_ns) for each in self.recorded]
         moved = [event._replace(time_ns=event.time_ns + moved_ns) for event in events]
         within = [0 <= event.time_ns - self._begin_ns < self._round_ns for event in moved]
         self._events = [event for event, is_played in zip(moved, within, strict=True) if is_played]
@@ -126,8 +128,15 @@ def _one_by_one(recorded: Recorded) -> Recorded:
     return recorded._replace(times_ns=recorded.times_ns + later_ns)
 
 
-def _end_ns(recorded: Recorded) -> int:
-    """Return when the next sample would have come."""
+def _due_ns(recorded: Recorded) -> IntArray:
+    """Return when each sample is played, by the clock as it was before it began anew."""
+    steps_ns = np.diff(recorded.times_ns, prepend=recorded.times_ns[:1])
+    later_ns = np.where(steps_ns < -RESET_NS, _usual_ns(recorded) - steps_ns, 0)
+    return np.maximum.accumulate(recorded.times_ns + np.cumsum(later_ns))
+
+
+def _usual_ns(recorded: Recorded) -> int:
+    """Return the time from one sample to the next."""
     times_ns, fs_hz = recorded.times_ns, recorded.stream.sampling_frequency_hz
     usual_ns = SECOND_NS / fs_hz if fs_hz else float(np.median(np.diff(times_ns))) if len(times_ns) > 1 else SECOND_NS
-    return int(times_ns.max()) + max(1, round(usual_ns))
+    return max(1, round(usual_ns))
