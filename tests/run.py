@@ -30,9 +30,10 @@ from environment import network_environment
 
 TESTS = ROOT / "tests"
 GROUPS = ("unit", "kit", "contract", "graph", "browser", "containers", "kubernetes")
-ALONE = {"containers", "test_cluster.py", "test_replay_law.py", "test_nine_modalities.py"}
+ALONE = {"containers", "test_cluster.py", "test_replay_law.py", "test_nine_modalities.py", "test_faults.py"}
 """One file at a time, after all others: what shares something of this machine, and studies beside which nobody may want
-its cores: the first state of a replay at 20x has 25 ms for its features, and sixteen services have 10 s to stop."""
+its cores: the first state of a replay at 20x has 25 ms for its features, sixteen services have 10 s to stop, and of
+services beside one that is killed nobody may be silent for 3.5 s."""
 ONE = Room(1, 1)
 MOST_OF_A_CORE = 3
 """Files at a time for each core, where all of them wait."""
