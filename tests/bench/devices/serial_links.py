@@ -92,7 +92,6 @@ def shimmer_gsr() -> Played:
     from driver_shimmer.device import Shimmer
     from driver_shimmer.packets import Packets
     from driver_shimmer.session import Prepared
-    from sense4hri.arrivals import Silence
     from sense4hri.device import Identity
     from sensor_bench.shimmer.body import Body
     from sensor_bench.shimmer.firmware import Memory, VirtualShimmer
@@ -118,7 +117,7 @@ def shimmer_gsr() -> Played:
                 continue
             received_ns = begun_ns + round((now_s + random.gamma(2.0, 0.003)) * SECOND_NS)
             begun_s = time.process_time()
-            items = list(device.items(packets.feed(octets, received_ns), prepared, Silence([], 1.0)))
+            items = list(device.items(packets.feed(octets, received_ns), prepared))
             codec_s += time.process_time() - begun_s
             for item in items:
                 if isinstance(item, Samples) and item.sensor_type == "eda":

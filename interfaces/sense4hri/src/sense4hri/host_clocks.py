@@ -98,6 +98,11 @@ class HostClocks:
         del known[bisect_right(known, clock.measured_at_ns, key=lambda one: one.measured_at_ns) :]
         known.append(clock)
 
+    @property
+    def measured(self) -> bool:
+        """Whether any clock has been: on one machine none is."""
+        return bool(self._entries)
+
     def knows(self, host: str) -> bool:
         """Return whether the clock of this host has been measured; that of the reference need not be."""
         return bool(host) and sanitised(host) in self._entries
@@ -175,4 +180,4 @@ class SensorHosts:
     def reference_ns(self, sensor_id: str, host_ns: NDArray[np.int64]) -> NDArray[np.int64]: ...
     def reference_ns(self, sensor_id: str, host_ns: int | NDArray[np.int64]) -> int | NDArray[np.int64]:
         """Return the reference host's time, ns, of a stamp of the sensor's driver; the same where nothing is known."""
-        return self.clocks.reference_ns(self.host(sensor_id), host_ns)
+        return self.clocks.reference_ns(self.host(sensor_id), host_ns) if self.clocks.measured else host_ns
