@@ -64,15 +64,18 @@ def test_steps_and_intensity_on_the_graph(start, opened):
     assert process.stop() == 0
 
 
+def a_walker_and_another(opened, kind, message, signal, unit):
+    """Two devices with the same signal and an accelerometer each: of one who walks, and of one who stands."""
+    moving, resting = ("accelerometer", "m/s^2", walking), ("accelerometer", "m/s^2", still)
+    name, other = StreamName("p1", kind, "worn_1"), StreamName("p2", kind, "worn_2")
+    walker = opened(ThirdPartyDriver(name, message, signal, FS_HZ, FRAME, unit, also=moving))
+    return walker, opened(ThirdPartyDriver(other, message, signal, FS_HZ, FRAME, unit, beside=walker, also=resting))
+
+
 def test_the_acceleration_of_a_device_lowers_the_quality_of_its_pulse(start, opened):
     """Two devices, one clean pulse: below 0.7 where the wearer walks at its rate, above 0.9 where he stands."""
     process = start("interpreter_ppg")
-    moving = ("accelerometer", "m/s^2", walking)
-    name = StreamName("p1", "ppg", "band_1")
-    one = opened(ThirdPartyDriver(name, PPG, pulse, FS_HZ, FRAME, "counts", also=moving))
-    resting = ("accelerometer", "m/s^2", still)
-    name = StreamName("p2", "ppg", "band_2")
-    other = opened(ThirdPartyDriver(name, PPG, pulse, FS_HZ, FRAME, "counts", beside=one, also=resting))
+    one, other = a_walker_and_another(opened, "ppg", PPG, pulse, "counts")
     for sensor in (one, other):
         sensor.until_heard()
     for sensor in (one, other):
@@ -92,12 +95,7 @@ def breaths(times_s: np.ndarray) -> dict[str, np.ndarray]:
 def test_the_acceleration_of_a_device_lowers_the_quality_of_its_belt(start, opened):
     """Two devices, one and the same breaths: of the wearer who walks the quality is the square of the other's."""
     process = start("interpreter_respiration")
-    moving = ("accelerometer", "m/s^2", walking)
-    name = StreamName("p1", "respiration", "belt_1")
-    one = opened(ThirdPartyDriver(name, Respiration, breaths, FS_HZ, FRAME, "a.u.", also=moving))
-    resting = ("accelerometer", "m/s^2", still)
-    name = StreamName("p2", "respiration", "belt_2")
-    other = opened(ThirdPartyDriver(name, Respiration, breaths, FS_HZ, FRAME, "a.u.", beside=one, also=resting))
+    one, other = a_walker_and_another(opened, "respiration", Respiration, breaths, "a.u.")
     for sensor in (one, other):
         sensor.until_heard(device=False)
     for sensor in (one, other):
