@@ -42,8 +42,8 @@ def _of_recorders(session: Session) -> Iterator[str]:
 
 
 def _unmeasured_hosts(session: Session, scan: Scan) -> Iterator[str]:
-    hosts = {stream.host for stream in session.streams.values()}
-    yield from filter(None, map(scan.host_clocks.doubt, sorted(hosts)))
+    hosts = {scan.hosts.host(stream.name.sensor_id) for stream in session.streams.values()}
+    yield from filter(None, map(scan.hosts.clocks.doubt, sorted(hosts)))
 
 
 def _pauses(session: Session) -> Iterator[str]:

@@ -10,7 +10,7 @@ import numpy as np
 from sense4hri.cdr import read_raw
 from sense4hri.host_account import HostAccount
 from sense4hri.host_clocks import TOPIC as HOST_CLOCKS
-from sense4hri.host_clocks import HostClocks
+from sense4hri.host_clocks import HostClocks, SensorHosts
 from sense4hri.names import StreamName
 from sense4hri_recording.reader import Reader, Record
 from sense4hri_recording.recorder_json import RecorderJson
@@ -33,8 +33,8 @@ class Scan:
     """What the pass has found.
 
     sensors: the registry's newest word by (sensor_id, sensor_type). info: the session's, as in recorder.json, else as
-    last heard. edges: `start_at_ns` and `stop_at_ns` by session_id. host_accounts, measurements, hosts (of the driver):
-    by sensor_id. host_clocks: of a study on several hosts. wearers: who wore what when. units: those that
+    last heard. edges: `start_at_ns` and `stop_at_ns` by session_id. host_accounts, measurements: by sensor_id.
+    hosts: of drivers, with the clocks of a study on several. wearers: who wore what when. units: those that
     the registry told of a sensor whose driver was there, and since when, where they changed.
     """
 
@@ -45,8 +45,7 @@ class Scan:
     edges: dict[str, dict[str, int]] = field(default_factory=dict)
     host_accounts: dict[str, list[HostAccount]] = field(default_factory=dict)
     measurements: dict[str, list[Measurement]] = field(default_factory=dict)
-    hosts: dict[str, str] = field(default_factory=dict)
-    host_clocks: HostClocks = field(default_factory=lambda: HostClocks(history=True))
+    hosts: SensorHosts = field(default_factory=lambda: SensorHosts(HostClocks(history=True)))
     wearers: Wearers = field(default_factory=Wearers)
     units: dict[tuple[str, str], list[tuple[int, str]]] = field(default_factory=dict)
 
@@ -76,11 +75,6 @@ class Scan:
                 devices.setdefault(name.sensor_id, {})["/".join(name)] = Packets(device[has], received[has])
         return {sensor_id: self._fit(sensor_id, packets) for sensor_id, packets in devices.items()}
 
-    def host(self, sensor_id: str) -> str:
-        """The host of a sensor's driver, by its own word, else by the registry's; empty where nobody has said it."""
-        told = (str(about.get("host", "")) for key, about in self.sensors.items() if key[0] == sensor_id)
-        return self.hosts.get(sensor_id) or next(filter(None, told), "")
-
     def _fit(self, sensor_id: str, packets: dict[str, Packets]) -> ClockFit:
         measured, hosts = self.measurements.get(sensor_id, ()), self.host_accounts.get(sensor_id, ())
         return fit_clock(packets, self._transport_delay_s(sensor_id), measured, hosts)
@@ -102,7 +96,7 @@ class Scan:
         elif parsed is not None:
             self._take_measurement(parsed[0].sensor_id, message)
         elif record.topic == HOST_CLOCKS:
-            self.host_clocks.take(message)
+            self.hosts.clocks.take(message)
         elif record.topic == "/study/sensors":
             for sensor in message.sensors:
                 self._take_sensor(sensor, record.log_ns)
@@ -115,6 +109,7 @@ class Scan:
     def _take_sensor(self, sensor: Any, log_ns: int) -> None:
         key = sensor.sensor_id, sensor.sensor_type
         self.sensors[key] = tables.flatten(sensor)
+        self.hosts.registered(sensor.sensor_id, str(getattr(sensor, "host", "")))
         told = self.units.setdefault(key, [])
         if sensor.online and sensor.unit and (not told or told[-1][1] != sensor.unit):
             told.append((log_ns, sensor.unit))
@@ -130,7 +125,7 @@ class Scan:
         self.wearers.take(name, seen.received_ns[-1])
 
     def _take_health(self, sensor_id: str, message: Any) -> None:
-        self.hosts[sensor_id] = message.host
+        self.hosts.told(sensor_id, message.host)
         account = HostAccount(tables.time_ns(message.header.stamp), int(message.realtime_minus_monotonic_ns))
         if account.realtime_minus_monotonic_ns:
             self.host_accounts.setdefault(sensor_id, []).append(account)

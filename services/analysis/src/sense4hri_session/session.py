@@ -102,7 +102,7 @@ class Session:
             device_ns = np.array(frame.loc[own, "device_time_ns"].astype("Int64").fillna(0), np.int64)
             told_ns = np.array(frame.loc[own, "time_ns"], np.int64)
             on_host_ns = event_times.marked_ns(told_ns, device_ns, stream.clock, stream.transport_delay_s)
-            frame.loc[own, "time_ns"] = self._scan.host_clocks.reference_ns(stream.host, on_host_ns)
+            frame.loc[own, "time_ns"] = self._scan.hosts.reference_ns(sensor_id, on_host_ns)
         return frame
 
     @cached_property
@@ -120,7 +120,7 @@ class Session:
     def _moves(self) -> Iterator[dict[str, Any]]:
         """A row for each participant from whom, or to whom, a sensor went."""
         for move in self._scan.wearers.moves(Window(self.start_ns, self.end_ns, begins=False, ends=False)):
-            at_ns = self._scan.host_clocks.reference_ns(self._scan.host(move.sensor_id), move.at_ns)
+            at_ns = self._scan.hosts.reference_ns(move.sensor_id, move.at_ns)
             about = {"time_ns": at_ns, "value": str(move), "source": "wearer"}
             for name, human_id in (("sensor_left", move.before), ("sensor_came", move.after)):
                 if human_id != UNASSIGNED:
@@ -265,7 +265,7 @@ class Session:
         stream = self.streams.get("/".join(source))
         delay_s = stream.transport_delay_s if stream else 0.0
         on_host = event_times.to_ros(source, self._scan.seen, self.clocks, delay_s)
-        to_reference = partial(self._scan.host_clocks.reference_ns, self._scan.host(source.sensor_id))
+        to_reference = partial(self._scan.hosts.reference_ns, source.sensor_id)
 
         rows = []
         for message, row in self._rows(name.topic(field), "header"):
@@ -280,8 +280,8 @@ class Session:
 
     def _stream(self, name: StreamName) -> Stream:
         metadata = self.sensors.get((name.sensor_id, name.sensor_type), {})
-        seen, clock, host = self._scan.seen[name], self.clocks.get(name.sensor_id), self._scan.host(name.sensor_id)
-        return Stream(name, metadata, seen, clock, lambda: self.raw(name), host, self._scan.host_clocks)
+        seen, clock = self._scan.seen[name], self.clocks.get(name.sensor_id)
+        return Stream(name, metadata, seen, clock, lambda: self.raw(name), self._scan.hosts)
 
 
 def open(path: Path | str, progress: bool = False, only_this_part: bool = False) -> Session:

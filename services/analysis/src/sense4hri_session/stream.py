@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from sense4hri.cdr import RawMessage
-from sense4hri.host_clocks import HostClocks
+from sense4hri.host_clocks import HostClocks, SensorHosts
 from sense4hri.names import StreamName
 from sense4hri.stream_info import can_be_rate
 
@@ -40,9 +40,10 @@ class Rows(NamedTuple):
 
 @dataclass(frozen=True)
 class Stream:
-    """One stream. metadata: what the registry said of it; empty where nothing is known. host: of its driver.
+    """One stream. metadata: what the registry said of it; empty where nothing is known.
 
-    placed: where its blocks were kept, see `kept`; None: they come from the recording.
+    hosts: of drivers, with their clocks. placed: where its blocks were kept, see `kept`; None: they come from
+    the recording.
     """
 
     name: StreamName
@@ -50,8 +51,7 @@ class Stream:
     seen: Seen
     clock: ClockFit | None
     raws: Callable[[], Iterator[RawMessage]]
-    host: str = ""
-    host_clocks: HostClocks = field(default_factory=HostClocks)
+    hosts: SensorHosts = field(default_factory=lambda: SensorHosts(HostClocks()))
     placed: Callable[[], Iterator[Block]] | None = None
 
     @property
@@ -117,7 +117,7 @@ class Stream:
         """What gives the samples their times, message after message from the first one on."""
 
         def to_reference(host_ns: Ints) -> Ints:
-            return self.host_clocks.reference_ns(self.host, host_ns)
+            return self.hosts.reference_ns(self.name.sensor_id, host_ns)
 
         return Timeline(self.key, self.true_rate_hz, self.transport_delay_s, self.clock, to_reference)
 
