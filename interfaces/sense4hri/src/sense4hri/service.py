@@ -76,7 +76,7 @@ class Service(Generic[Config]):
         waiting = self.metrics.gauge("waiting_calls", "Messages and other calls that wait to be handled.")
         waiting.set_function(lambda: self._inbox.waiting)
         self.metrics.gauge("ready", "1 where /readyz answers 200.").set_function(lambda: not self._missing)
-        self._calls = Calls(node, loop, self.post, self.start, self.refuse)
+        self._calls = Calls(node, loop, self.post, self.start, self.refuse, self._soon)
         self._tasks: set[asyncio.Task[None]] = set()
         self._subscriptions: set[Subscription] = set()
         self._looking: asyncio.Task[None] | None = None
