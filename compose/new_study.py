@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import check_study
 import study_text
-from sensor_kinds import KINDS, Link, fits
 from sense4hri.names import meaning
+from sensor_kinds import KINDS, Link, fits
 from study_file import HUMAN_ID, STUDIES, WRONG
 from study_text import Wish
 

@@ -149,7 +149,7 @@ def test_a_slow_stream_of_a_device_that_has_just_begun_is_starting(start, ears, 
 
 
 def test_why_a_device_is_not_found_is_said_on_the_graph_alone(start, ears, tmp_path):
-    """Also by one that has no stream yet to say it on: its heartbeat does; /readyz, which is open to all, names no device."""
+    """Also by one that has no stream yet to say it on: its heartbeat does; /readyz, open to all, names no device."""
     away = tmp_path / "away"
     away.touch()
     told = ears.hear(DiagnosticArray, diagnostics.TOPIC, qos.HEALTH)

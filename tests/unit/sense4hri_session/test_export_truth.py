@@ -15,8 +15,8 @@ from sense4hri.plain_text import plain
 from sense4hri_report.collect import collect
 from sense4hri_report.summary import summarise
 from sense4hri_session import tables
-from sense4hri_session.definitions import unit_of
 from sense4hri_session.__main__ import main
+from sense4hri_session.definitions import unit_of
 from sense4hri_session.export import export
 from sense4hri_session.file_names import Names
 from sense4hri_session.plain_text import cell

@@ -65,7 +65,7 @@ class Bench:
             log.info("virtual %s: %s", keys.model, keys.sensor)
 
     async def keep_bus(self) -> None:
-        """For ever: where the bus ends, or only the connection to it, the devices are back as after a bluetoothd that fell."""
+        """For ever: where the bus, or the connection to it, ends all is back as after a bluetoothd that fell."""
         while True:
             await self.bluez.disconnected()
             await self.bus.revive()

@@ -22,7 +22,7 @@ from session_coordinator.session import ACTIVE, SECOND_NS, Ack, Effect, Note, No
 from session_coordinator.writers import Writers
 
 DISCOVERY_S = 2.0  # of a fresh coordinator, before it knows who is on the graph
-SETTLE_S = 20.0  # of one that goes on with a session, or stood still, before it says that somebody, or a stream, has gone
+SETTLE_S = 20.0  # of one that goes on with a session, or stood still, before it says that anything has gone
 MOST_NAMES = 1000  # of sessions remembered
 MOST_SERVICES, MOST_WAITED = 300, 1000  # what everybody can still read, and a restart
 LONGEST_LINE, LONGEST_DIRECTORY, LONGEST_DETAIL = 300, 4096, 10_000  # characters

@@ -98,7 +98,7 @@ class BluezStandIn:
             log.error("the connection to the private bus is lost (%r); it is made again", err)
 
     async def reconnect(self) -> None:
-        """Be on the bus again as somebody else: clients of before are gone, or see that `org.bluez` was. Raises LOST."""
+        """Be on the bus again as another one: clients of before are gone, or see that `org.bluez` was. Raises LOST."""
         await self.adapter.forget_clients()
         await self._connect()
 
