@@ -16,8 +16,9 @@ from typing import NamedTuple
 
 import check_study
 import study_text
+from sense4hri.names import meaning
 from sensor_kinds import KINDS, Link, fits
-from study_file import HUMAN_ID, STUDIES, UNASSIGNED, WRONG
+from study_file import HUMAN_ID, STUDIES, WRONG
 from study_text import Wish
 
 MOST_KINDS = 12
@@ -138,8 +139,8 @@ def _participants(given: str) -> tuple[str, ...]:
         return tuple(f"p{number}" for number in range(1, int(given) + 1))
     names = tuple(name.strip() for name in given.split(","))
     for name in names:
-        if name == UNASSIGNED:
-            raise Refused(f"--participants {name!r}: is a sensor's that nobody wears; give pseudonyms, or their number")
+        if means := meaning(name):
+            raise Refused(f"--participants {name!r}: it means {means}; give pseudonyms, or their number")
         if not HUMAN_ID.fullmatch(name) or not study_text.plain(name) or names.count(name) > 1:
             allowed = "pseudonyms of letters, digits and single '_', no word like y or null, each once, or their number"
             raise Refused(f"--participants {name!r}: {allowed}")

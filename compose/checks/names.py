@@ -177,6 +177,9 @@ def _missing(study: Study, places: Places) -> Iterator[Finding]:
         yield places.warning("services", "there is no clock-sync: nobody maps the sensors' clocks to this machine's")
     for service, first in _again(study):
         text = f"runs {service.package} as {first.name} does already: both do the same"
+        if service.package == "recorder":  # of the same node name, so that the coordinator cannot tell them apart
+            each = "each writes every session, a recording of its own, and a stop waits for one of them"
+            text = f"records as {first.name} does: {each}"
         yield places.warning(f"services.{service.name}", text)
     for sensor in study.sensors:
         yield from _uninterpreted(study, sensor, places)

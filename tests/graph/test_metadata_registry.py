@@ -250,7 +250,8 @@ def test_http_offers_the_same(peer: Peer, cast: Cast) -> None:
     assert registry.ask("/assign")[0] == 405
 
 
-def test_a_participant_is_told_and_deleted(peer: Peer, cast: Cast) -> None:
+@pytest.mark.parametrize("is_killed", [False, True], ids=["a session that ends", "a coordinator that is killed"])
+def test_a_participant_is_told_and_deleted(peer: Peer, cast: Cast, is_killed: bool) -> None:
     """Not while it wears a sensor or its session runs or is prepared; then all of it goes, on the graph too."""
     driver, registry = cast.driver("p1"), cast.registry()
     sessions = peer.node.create_publisher(SessionState, "/study/session", qos.SESSION)
@@ -273,7 +274,10 @@ def test_a_participant_is_told_and_deleted(peer: Peer, cast: Cast) -> None:
     peer.wait(lambda: "which runs: stop it first" in str(registry.ask(delete, sure)[1]), "only the session is left")
     sessions.publish(SessionState(session_id="visit-2", phase=SessionState.PREPARING, human_ids=["p1"]))
     peer.wait(lambda: "which is being prepared: stop it first" in str(registry.ask(delete, sure)[1]), "one to come")
-    sessions.publish(SessionState())
+    if is_killed:
+        peer.node.destroy_publisher(sessions)
+    else:
+        sessions.publish(SessionState())
     peer.wait(lambda: registry.ask(delete, sure)[0] == 200, "it is deleted")
     peer.wait(
         lambda: not peer.sensors and [each.human_id for each in peer.assignments] == ["unassigned"],

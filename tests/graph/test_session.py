@@ -28,6 +28,7 @@ TESTS = Path(__file__).resolve().parents[1]
 KIT, FLOOD = TESTS / "kit", str(TESTS / "bench" / "flood_publisher.py")
 RAW = "/humans/physiological/p1/ecg/toy_1/raw"
 FEATURES = "/humans/physiological/p1/ecg/toy_1/features"
+STOPPED_S = 16.0
 LEAD_S = 5.0
 """On a busy machine a start must be announced well ahead: an interpreter that hears of it too late begins late."""
 
@@ -223,6 +224,21 @@ def test_a_recorder_that_is_killed_is_missed_within_seconds_and_its_gap_is_told(
     said = stopped(study)
     assert re.search(r"incomplete: recorder: nobody recorded from [\d:]+ to [\d:]+ UTC \(\d+\.\d s\)", said), said
     assert "recorder: records again" in study.notes()
+
+
+def test_a_coordinator_that_stood_still_waits_as_long_as_it_would_have_waited_for_all(study):
+    """Stopped for longer than a service may take to answer: the service that answers after that takes part."""
+    coordinator = study.coordinator(required_services=["toy_member_7"], answer_timeout_s=STOPPED_S - 1.0)
+    assert coordinator.ask("/start", {"study": "s", "human_ids": ["p1"]})[0] == 200
+    study.phase(SessionState.PREPARING)
+    coordinator.send(signal.SIGSTOP)
+    begun_s = time.monotonic()
+    study.until(lambda: time.monotonic() - begun_s > STOPPED_S, "it has stood still")
+    coordinator.send(signal.SIGCONT)
+    study.until(lambda: "stood still" in coordinator.log(), "it knows that it stood still")
+    study.run("toy_members.py", "7", "1")
+    study.until(lambda: study.states[-1].phase != SessionState.PREPARING, "it goes on")
+    assert study.states[-1].phase == SessionState.RECORDING, study.states[-1].detail
 
 
 def test_a_recorder_that_is_stopped_and_goes_on_with_everything_is_complete(study, tmp_path):

@@ -6,10 +6,11 @@ import signal
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
-from sense4hri import qos, wire
+from sense4hri import diagnostics, qos, wire
 from sense4hri.names import StreamName
 from sense4hri_msgs.msg import ClockMeasurement, Marker, PhysioDeviceFeature, PhysioRaw, StreamHealth
 
@@ -145,6 +146,19 @@ def test_a_slow_stream_of_a_device_that_has_just_begun_is_starting(start, ears, 
     found = [each for each in slow[5:] if each.reasons != ["the toy is out of reach"]]
     assert (found[0].state, *found[0].reasons) == (StreamHealth.STARTING, "no sample has come yet")
     assert found[-1].state == StreamHealth.LOST
+
+
+def test_why_a_device_is_not_found_is_said_on_the_graph_alone(start, ears, tmp_path):
+    """Also by one that has no stream yet to say it on: its heartbeat does; /readyz, open to all, names no device."""
+    away = tmp_path / "away"
+    away.touch()
+    told = ears.hear(DiagnosticArray, diagnostics.TOPIC, qos.HEALTH)
+    process = start("toy_driver.py", env={"TOY_AWAY": str(away)}, human_id="p1", sensor_id="toy_1")
+    lost = "the device is LOST: the toy is out of reach"
+    ears.until(lambda: lost in [beat.missing for message in told for beat in diagnostics.beats(message)], "why")
+    ears.until(lambda: process.get("/readyz") == (503, "not ready: the device is LOST\n"), "no name of a device")
+    away.unlink()
+    ears.until(lambda: not diagnostics.beats(told[-1])[0].missing, "it is there")
 
 
 def test_of_a_lost_device_nobody_knows_contact_and_signal(start, ears, tmp_path):

@@ -12,7 +12,7 @@ from checks.finding import Finding
 ROOT = Path(__file__).resolve().parents[3]
 READY = ROOT / "compose" / "studies"
 ANY = "  clock-sync:\n"
-RECORDER = "service: recorder}"
+RECORDER, REGISTRY = "service: recorder}", "  metadata-registry:\n"
 
 
 def in_any(keys: str) -> tuple[str, str]:
@@ -46,6 +46,9 @@ MISTAKES = [
     ("vernier", "services:\n", "services:\n  bad name: {image: x}\n", "a service's name is letters, digits"),
     ("vernier", ANY, f"  clock-2:\n    extends: {{file: {READY.parent}/compose.yaml, service: clock-sync}}\n{ANY}",
      "runs clock_sync as clock-2 does already"),
+    ("vernier", REGISTRY,
+     f"  disk-2:\n    extends: {{file: {READY.parent}/compose.yaml, service: recorder}}\n{REGISTRY}",
+     "records as recorder does: each writes every session, a recording of its own, and a stop waits for one of them"),
     ("vernier", "service: driver-vernier}", "service: driver-polar}", "sense4hri/driver-polar has no driver_vernier"),
     ("vernier", "GDX-RB 0K1002A1\"", "GDX-RB 0K1002A2\"", "name 'GDX-RB 0K1002A2' is that of no device of sensor-be"),
     ("vernier", "physiological/p1", "physiologcal/p1", "comes from nobody; did you mean /humans/physiological/p1/res"),

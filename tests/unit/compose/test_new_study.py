@@ -156,7 +156,11 @@ def test_a_file_that_is_there_stays(tmp_path, monkeypatch, capsys):
             "--participants 'y': pseudonyms of letters, digits and single '_', no",
         ),
         (["pilot", "--participants", "null"], "--participants 'null'"),
-        (["pilot", "--participants", "p1,unassigned"], "--participants 'unassigned': is a sensor's that nobody wears"),
+        (
+            ["pilot", "--participants", "p1,unassigned"],
+            "--participants 'unassigned': it means a sensor that nobody wears",
+        ),
+        (["pilot", "--participants", "p1,nobody"], "--participants 'nobody': it means the folder of sessions"),
         (["pilot", "--sensors", "bitalino", "--id", "bitalino_1=/dev/by-path/usb-0:2"], "a path without ':', as in"),
         (["pilot", "--sensors", "h11"], "--sensors 'h11': give each once, of h10, verity, oh1"),
         (["pilot", "--sensors", "cyton", "--virtual"], "--virtual: nothing plays 'cyton'; of these"),

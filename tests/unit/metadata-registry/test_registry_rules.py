@@ -204,6 +204,17 @@ def test_illegal_human_id_is_named(tmp_path: Path, human_id: str) -> None:
     assert r.wanted("h10_1") is None
 
 
+@pytest.mark.parametrize("human_id", ["nobody", "Everyone", "withdrawn", "UNASSIGNED"])
+def test_a_word_that_means_something_else_is_nobody_s_pseudonym(tmp_path: Path, human_id: str) -> None:
+    """However it is written, and with its meaning; one that only contains it is somebody's."""
+    r = registry(tmp_path)
+    r.seen(ECG, "/d", "", PARAMETERS, 1)
+    outcome = r.assign("h10_1", human_id, "", 2)
+    assert (outcome.success, outcome.field) == (False, "human_id")
+    assert f"human_id '{human_id}' is no participant: it means " in outcome.message
+    assert r.assign("h10_1", f"{human_id}_1", "", 3).success
+
+
 @pytest.mark.parametrize(
     ("sensor_id", "named"), [("H10", "not legal"), ("", "not legal"), ("h10_2", "known are: h10_1")]
 )

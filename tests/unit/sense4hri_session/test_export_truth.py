@@ -15,6 +15,7 @@ from sense4hri.plain_text import plain
 from sense4hri_report.collect import collect
 from sense4hri_report.summary import summarise
 from sense4hri_session import tables
+from sense4hri_session.__main__ import main
 from sense4hri_session.definitions import unit_of
 from sense4hri_session.export import export
 from sense4hri_session.file_names import Names
@@ -718,14 +719,16 @@ def test_what_an_edf_header_has_no_room_for_is_told(study):
     ]
 
 
-def test_a_repeated_message_is_in_no_count_of_what_was_exported(study):
-    """session.json has as many samples as the tables, and as the report."""
+def test_a_repeated_message_is_in_no_count_of_what_was_exported(study, capsys):
+    """session.json and --list have as many samples as the tables, and as the report."""
     ecg(study)
     study.messages.insert(50, study.messages[50])
     session, out = exported(study)
     told = json.loads((out / "session.json").read_text())["streams"]["p1/ecg/h10_1"]["samples"]
     (reported,) = summarise(collect([session.path]), START_NS)["streams"]
     assert told == reported["samples"] == len(pd.read_parquet(out / "parquet" / "p1_ecg_h10_1.parquet")) == 1300
+    assert main([str(session.path), "--list"]) == 0
+    assert "p1/ecg/h10_1\t1300 samples\t" in capsys.readouterr().out
 
 
 def test_a_list_in_a_table_is_json_to_every_program(study):

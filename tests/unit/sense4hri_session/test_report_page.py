@@ -140,6 +140,20 @@ def test_the_page_does_not_grow_with_what_went_wrong(study):
     assert (folder / "report.html").stat().st_size < 200_000
 
 
+def test_of_a_long_list_the_first_ten_are_seen_and_the_others_are_folded(study):
+    """58 notes: ten, and 48 more with a click or on paper; each is there once, in both lists."""
+    for i in range(58):
+        at = {"stamp": {"sec": START_NS // SECOND + i, "nanosec": 0}}
+        study.add("/study/markers", "Marker", START_NS + i * SECOND, header=at, name="note", value=f"said {i:02d}.")
+    make_report(folder := study.write())
+    page = (folder / "report.html").read_text()
+    for title in ("What happened", "Markers"):
+        section = page.partition(f"<h2>{title}</h2>")[2].partition("</section>")[0]
+        seen, _, folded = section.partition("<details><summary>and 48 more</summary>")
+        assert [seen.count("said "), folded.count("said ")] == [10, 48]
+        assert all(section.count(f"said {i:02d}.") == 1 for i in range(58))
+
+
 @pytest.mark.filterwarnings("error")
 def test_numbers_that_nobody_measures_are_not_drawn():
     """Infinite, or so large that their difference is: the path has the others, and nothing is said on the terminal."""

@@ -151,6 +151,25 @@ def test_a_sensor_that_has_not_been_found_is_told_after_a_minute():
         assert {entry.problem.alert for entry in log.lasting()} == ({"SensorNotFound"} if second >= 60 else set())
 
 
+def test_a_sensor_that_has_never_said_what_it_measures_is_told_with_its_driver_s_last_error():
+    """Its driver has no stream to tell its health on; once it has one, that tells."""
+    study, log = Study(), ProblemLog()
+    for second in range(62):
+        at = NOW + second * S
+        study.services.take(Beat("driver_lsl_belt_1", "1", missing="the device is LOST: no outlet 'belt'"), at)
+        log.update(problems(study, at), at)
+        assert [entry.problem.alert for entry in log.lasting()] == (["SensorNotFound"] if second >= 60 else [])
+        assert study_message(study, log, at)["unseen"] == [
+            {"node": "driver_lsl_belt_1", "why": "the device is LOST: no outlet 'belt'"}
+        ]
+    (entry,) = log.lasting()
+    told = "driver_lsl_belt_1 has found no sensor yet: the device is LOST: no outlet 'belt'; is it on, worn and near?"
+    assert entry.problem.text == told
+    study.stream(StreamName("p1", "respiration", "belt_1"), at)
+    assert not any(problem.alert == "SensorNotFound" for problem in problems(study, at))
+    assert study_message(study, log, at)["unseen"] == []
+
+
 def test_a_slow_stream_of_a_sensor_that_is_back_is_no_error_while_it_starts():
     """Its driver says until when its rate allows that; what then is lost is told at once."""
     study = Study()

@@ -70,6 +70,8 @@ def test_a_wrong_order_names_its_field(message, named):
         ("h10_1", "unassigned", ""),
         ("h10_1", "p 3", "'p 3' is no pseudonym"),
         ("h10_1", "", "'' is no pseudonym"),
+        ("h10_1", "everyone", "'everyone' is no participant: it means all of them"),
+        ("h10_1", "Unassigned", "'Unassigned' is no participant: it means a sensor that nobody wears"),
         ("h10_1", "p__3", "no pseudonym"),
         ("h10_1", "p" * 64, "no pseudonym"),
         ("H10", "p3", "'H10' is no sensor_id"),

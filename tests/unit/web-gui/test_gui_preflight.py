@@ -70,18 +70,22 @@ def test_what_a_device_does_not_tell_stands_in_nobodys_way():
 def test_whoever_takes_part_in_sessions_must_answer():
     """A service that was killed, one that is not ready, and a recorder that nobody hears are red with a word each."""
     study = Study()
-    study.services.expected = {"clock_sync", "fusion_affect", "robot", "recorder", "driver_polar"}
+    study.services.expected = {"clock_sync", "fusion_affect", "robot", "recorder", "driver_polar_h10_1", "driver_lsl_1"}
     study.services.take(Beat("clock_sync", "1"), NOW - 9 * S)
     study.services.take(Beat("fusion_affect", "1", missing="no configuration"), NOW)
-    study.services.take(Beat("driver_polar", "1", missing="the device is CONNECTING"), NOW)
+    study.stream(StreamName("p1", "ecg", "h10_1"), NOW)
+    for driver in ("driver_polar_h10_1", "driver_lsl_1"):
+        study.services.take(Beat(driver, "1", missing="the device is CONNECTING"), NOW)
     found = {item.what: item for item in preflight.of_study(study, NOW)}
-    assert {name for name, item in found.items() if item.ok} == {"robot", "driver_polar"}
+    assert {name for name, item in found.items() if item.ok} == {"robot", "driver_polar_h10_1"}
     assert found["fusion_affect"].found == "no configuration"
+    assert found["driver_lsl_1"].found == "the device is CONNECTING"
     assert all(item.mend for item in found.values() if not item.ok)
     study.session.coordinator = True
     study.session.recorder.take(RecorderStatus("recorder", message="waits for a session"), NOW)
     study.services.take(Beat("clock_sync", "2"), NOW)
     study.services.take(Beat("fusion_affect", "1"), NOW)
+    study.services.take(Beat("driver_lsl_1", "1"), NOW)
     assert all(item.ok for item in preflight.of_study(study, NOW))
 
 

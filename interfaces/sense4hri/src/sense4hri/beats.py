@@ -18,7 +18,7 @@ class Beat(NamedTuple):
     """What a service says of itself.
 
     service: name of its node. run: of this process, another one after a restart. trouble: a sentence, empty where all
-    its threads turn. ended: it ends in order. missing: why `/readyz` says no, empty where it is ready.
+    its threads turn. ended: it ends in order. missing: why `/readyz` says no, and more of it; empty where it is ready.
     dropped: messages dropped because it fell behind, since its start.
     """
 

@@ -16,7 +16,8 @@ from sense4hri.errors import Refusal, Refused
 class Calls:
     """post(function, *args): call it on the main thread. start(coroutine): run it there, beside main.
 
-    refuse(name, kind, why): count a request that cannot be used, and say it.
+    soon(function): call it there before all that waits. refuse(name, kind, why): count a request that cannot be used,
+    and say it.
     """
 
     def __init__(
@@ -26,8 +27,10 @@ class Calls:
         post: Callable[..., None],
         start: Callable[[Coroutine[Any, Any, None]], object],
         refuse: Callable[[str, str, str], None],
+        soon: Callable[[Callable[[], None]], object],
     ) -> None:
         self._node, self._loop, self._post, self._start, self._refuse = node, loop, post, start, refuse
+        self._soon = soon
 
     def serve(self, kind: type, name: str, handler: Callable[[Any, Any], Any]) -> None:
         """Answer a ROS service with handler(request, response) -> response, run on the main thread.
@@ -41,7 +44,7 @@ class Calls:
         self._node.create_service(kind, name, answer)
 
     async def ask(self, client: Client, request: Any, timeout_s: float) -> Any:
-        """Return a ROS service's response. Raises TimeoutError, also where nobody serves it."""
+        """Return a ROS service's response, ahead of samples. Raises TimeoutError, also where nobody serves it."""
         deadline = self._loop.time() + timeout_s
         while not client.service_is_ready():
             if self._loop.time() > deadline:
@@ -54,7 +57,7 @@ class Calls:
                 done.set_result(result)
 
         pending = client.call_async(request)
-        pending.add_done_callback(lambda future: self._post(settle, future.result()))
+        pending.add_done_callback(lambda future: self._soon(lambda: settle(future.result())))
         try:
             async with asyncio.timeout(max(0.05, deadline - self._loop.time())):
                 return await done

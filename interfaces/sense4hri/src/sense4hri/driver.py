@@ -180,7 +180,7 @@ class _Driver:
     def _enter(self, state: State) -> None:
         self._state = state
         self._state_metric.set(int(state))
-        self._service.ready(state is State.STREAMING, f"the device is {state.name}")
+        self._service.ready(state is State.STREAMING, f"the device is {state.name}", self._link.reason)
 
     def _lost(self, reason: str, quiet: bool) -> None:
         if self._state is State.STREAMING:

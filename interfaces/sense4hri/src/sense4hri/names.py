@@ -17,9 +17,23 @@ SENSOR_ID = r"(?!.*__)[a-z][a-z0-9_]{0,62}"
 SENSOR_ID_FORM = "small letters, digits and single '_', a letter first, at most 63"
 
 
+TAKEN = {
+    UNASSIGNED: "a sensor that nobody wears",
+    "nobody": "the folder of sessions without participants",
+    "everyone": "all of them",
+    "withdrawn": "one who was taken out",
+}
+"""What words mean that look like a pseudonym, in recordings, registry and page."""
+
+
 def is_human_id(text: str) -> bool:
     """True for a pseudonym that may stand in a topic name."""
     return re.fullmatch(HUMAN_ID, text) is not None
+
+
+def meaning(human_id: str) -> str:
+    """Return what a word means that is given to no participant, in whatever letters; empty where it may be."""
+    return TAKEN.get(human_id.lower(), "")
 
 
 def is_sensor_id(text: str) -> bool:

@@ -76,11 +76,12 @@ class Service(Generic[Config]):
         waiting = self.metrics.gauge("waiting_calls", "Messages and other calls that wait to be handled.")
         waiting.set_function(lambda: self._inbox.waiting)
         self.metrics.gauge("ready", "1 where /readyz answers 200.").set_function(lambda: not self._missing)
-        self._calls = Calls(node, loop, self.post, self.start, self.refuse)
+        self._calls = Calls(node, loop, self.post, self.start, self.refuse, self._soon)
         self._tasks: set[asyncio.Task[None]] = set()
         self._subscriptions: set[Subscription] = set()
         self._looking: asyncio.Task[None] | None = None
         self._missing: tuple[str, ...] = ("the service has not said that it is ready",)
+        self._why = ""
         self.liveness = Liveness({"the main thread": self._soon, "the ROS thread": self.ros.do}, self._end_hung)
         self.http = Http(
             name,
@@ -99,7 +100,7 @@ class Service(Generic[Config]):
         """Say on `/diagnostics` that the service lives, or which of its threads does not; ended: that it ends."""
         silent = self.unanswered()
         trouble = f"no answer from {' and '.join(silent)}" if silent and not ended else ""
-        missing = "; ".join(self._missing)
+        missing = ": ".join(filter(None, ("; ".join(self._missing), self._why)))
         beat = beats.Beat(self.node.get_name(), self._run, trouble, ended, missing, self._dropped)
         self._beats.publish(diagnostics.message(beat))
 
@@ -109,9 +110,13 @@ class Service(Generic[Config]):
         self._answered = self._answered or not silent
         return silent if self._answered else []
 
-    def ready(self, ready: bool = True, missing: str = "") -> None:
-        """Say on `/readyz` whether the service does its work, and if not, what is missing: a sentence without names."""
+    def ready(self, ready: bool = True, missing: str = "", why: str = "") -> None:
+        """Say on `/readyz` whether the service does its work, and if not, what is missing: a sentence without names.
+
+        why: said with it on the graph alone, for it may name a device.
+        """
         self._missing = () if ready else (missing or "the service is not ready",)
+        self._why = "" if ready else why
 
     def publisher(self, message: type, topic: str, qos: QoSProfile) -> Publisher:
         """Return a new publisher."""

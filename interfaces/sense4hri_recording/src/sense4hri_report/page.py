@@ -17,8 +17,8 @@ from sense4hri_report.pieces import (
     chip,
     count_cell,
     fact_list,
-    more,
     sentence,
+    shortened,
     since_start,
     value_text,
 )
@@ -126,26 +126,26 @@ def _timeline(summary: Json, found: Findings) -> str:
 def _happened(summary: Json) -> str:
     if not summary["events"]:
         return ""
-    rows = "".join(
+    rows = [
         f'<tr><td class="t n">{since_start(event)}</td><td class="t muted">{escape(event["source"])}</td>'
         f'<td class="fill">{escape(event["what"])}</td></tr>'
         for event in summary["events"][:SHOWN]
-    )
-    table = f"<table><tbody>{rows}</tbody></table>{more(len(summary['events']))}"
+    ]
+    table = shortened(rows, len(summary["events"]))
     return f'<h2>What happened</h2><section class="panel wide">{table}</section>'
 
 
 def _markers(summary: Json) -> str:
     if not summary["markers"]:
         return ""
-    rows = "".join(
+    rows = [
         f'<tr><td class="n t">{since_start(marker)}</td><td>{escape(marker["name"])}</td>'
         f"<td>{escape(marker['value'])}</td>"
         f'<td class="muted">{escape(marker["human_id"])}</td><td class="muted">{escape(marker["source"])}</td></tr>'
         for marker in summary["markers"][:SHOWN]
-    )
+    ]
     head = '<th class="n">at</th><th>marker</th><th>value</th><th>participant</th><th>set by</th>'
-    table = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>{more(summary['markers_total'])}"
+    table = shortened(rows, summary["markers_total"], head)
     return f'<h2>Markers</h2><section class="panel wide">{table}</section>'
 
 

@@ -14,6 +14,8 @@ Json = dict[str, Any]
 SHOWN = 200
 """Of a list, so many are on the page; report.json has all."""
 WORDS = {COMPLETE: ("complete", "●"), GAPS: ("gaps", "◐"), BROKEN: ("broken", "○")}
+FEW = 10
+"""Of a long table, so many rows are seen before it is opened."""
 UNKNOWN = "not known"
 
 
@@ -32,10 +34,20 @@ def bullets(items: list[str], kind: str) -> str:
 
 def folded(summary: str, head: str, rows: str, total: int) -> str:
     """Return a table that is opened by a click. total: rows there are, of which SHOWN are given at most."""
-    return (
-        f"<details><summary>{escape(summary)}</summary><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
-        f"{more(total)}</details>"
-    )
+    return f"<details><summary>{escape(summary)}</summary>{_table(head, rows)}{more(total)}</details>"
+
+
+def shortened(rows: list[str], total: int, head: str = "") -> str:
+    """Return a table whose first FEW rows are seen at once, the others with a click. total: see `folded`."""
+    first = _table(head, rows[:FEW])
+    if len(rows) > FEW:
+        first += f"<details><summary>and {total - FEW} more</summary>{_table(head, rows[FEW:])}{more(total)}</details>"
+    return first
+
+
+def _table(head: str, rows: Iterable[str]) -> str:
+    titles = f"<thead><tr>{head}</tr></thead>" if head else ""
+    return f"<table>{titles}<tbody>{''.join(rows)}</tbody></table>"
 
 
 def more(total: int) -> str:

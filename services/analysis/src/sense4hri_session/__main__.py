@@ -53,9 +53,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _list(session: Session) -> None:
+    counts = session.sample_counts()
     for key, stream in session.streams.items():
-        samples = f"{stream.seen.samples} samples"
-        about = key, samples, stream.rate_in_words, ",".join(stream.channels), stream.unit
+        about = key, f"{counts[key]} samples", stream.rate_in_words, ",".join(stream.channels), stream.unit
         print("\t".join(map(plain, about)))
 
 

@@ -32,49 +32,55 @@ def keep(
     advance(samples): called while the recording is read. Raises OSError, SessionError.
     """
     folder.mkdir()
-    files = {stream.name.topic("raw"): _File(folder / f"{i}", stream) for i, stream in enumerate(streams.values())}
+    files = {key: _File(folder / f"{i}", stream) for i, (key, stream) in enumerate(streams.items())}
+    for key, raws in _batches(reader, streams):
+        files[key].write(raws)
+        advance(sum(len(raw.samples) for raw in raws))
+    placed = {key: replace(stream, placed=files[key].blocks) for key, stream in streams.items()}
+    return placed, {key: file.placed for key, file in files.items()}
+
+
+def count(reader: Reader, streams: Mapping[str, Stream]) -> dict[str, int]:
+    """Return how many samples each stream has, those of repeated messages left out. Raises SessionError."""
+    timelines = {key: stream.timeline() for key, stream in streams.items()}
+    counts = dict.fromkeys(streams, 0)
+    for key, raws in _batches(reader, streams):
+        counts[key] += sum(len(block.time_ns) for block in timelines[key].blocks(raws))
+    return counts
+
+
+def _batches(reader: Reader, streams: Mapping[str, Stream]) -> Iterator[tuple[str, list[RawMessage]]]:
+    """Yield all messages, some of one stream at a time, each stream's in order of receipt. Memory: MOST_VALUES."""
+    keys = {stream.name.topic("raw"): key for key, stream in streams.items()}
+    waiting: dict[str, list[RawMessage]] = {}
     values = 0
-    for record in reader.messages(list(files)):
+    for record in reader.messages(list(keys)):
         try:
             raw = read_raw(record.data)
         except ValueError:  # counted in `Stream.seen`
             continue
-        files[record.topic].waiting.append(raw)
+        waiting.setdefault(keys[record.topic], []).append(raw)
         values += raw.samples.size + MESSAGE
         if values >= MOST_VALUES:
-            values = _write_all(files.values(), advance)
-    _write_all(files.values(), advance)
-    own = {key: files[stream.name.topic("raw")] for key, stream in streams.items()}
-    placed = {key: replace(stream, placed=own[key].blocks) for key, stream in streams.items()}
-    return placed, {key: file.placed for key, file in own.items()}
-
-
-def _write_all(files: Iterable[_File], advance: Callable[[int], object]) -> int:
-    for file in files:
-        advance(file.write())
-    return 0
+            yield from waiting.items()
+            waiting, values = {}, 0
+    yield from waiting.items()
 
 
 class _File:
-    """The file of one stream. waiting: messages that are not in it yet. placed: samples that are."""
+    """The file of one stream. placed: samples that are in it."""
 
     def __init__(self, path: Path, stream: Stream) -> None:
         self._path, self._channel_sets = path, list(stream.seen.channel_sets)
         self._timeline = stream.timeline()
-        self.waiting: list[RawMessage] = []
         self.placed = 0
 
-    def write(self) -> int:
-        """Place what waits and write it; returns how many samples that were."""
-        if not self.waiting:
-            return 0
+    def write(self, raws: Iterable[RawMessage]) -> None:
+        """Place the messages that follow those placed before, and write them."""
         with self._path.open("ab") as file:
-            for block in self._timeline.blocks(self.waiting):
+            for block in self._timeline.blocks(raws):
                 self._write(file, block)
                 self.placed += len(block.time_ns)
-        samples = sum(len(raw.samples) for raw in self.waiting)
-        self.waiting.clear()
-        return samples
 
     def blocks(self) -> Iterator[Block]:
         """Read it. Memory: one block."""

@@ -23,7 +23,7 @@ from sense4hri_recording.strange import stream_of, why_strange
 from sense4hri_report.window import Window
 
 from sense4hri_session import doubts, event_times, tables
-from sense4hri_session.kept import keep
+from sense4hri_session.kept import count, keep
 from sense4hri_session.scan import Scan
 from sense4hri_session.stream import Stream
 
@@ -183,6 +183,10 @@ class Session:
             yield samples
         finally:
             self.streams = own
+
+    def sample_counts(self) -> dict[str, int]:
+        """How many samples each stream has, by its key, those of repeated messages left out. Reads the recording."""
+        return count(self.reader, self.streams)
 
     def fields(self) -> Iterator[tuple[Topic, StreamName, str]]:
         """Every topic of a stream, with the stream and the field (`raw`, `features`, ...)."""

@@ -20,6 +20,7 @@ from metadata_registry.registry import Registry
 from metadata_registry.store import Store
 
 MOST_HUMANS, LONGEST_NOTES = 100, 1 << 16
+SESSION_TOPIC = "/study/session"
 _RUNS = (SessionState.RECORDING, SessionState.STOPPING)
 
 
@@ -44,7 +45,7 @@ class People:
         self._service, self._past, self._worn_by, self._publish = service, store.past, worn_by, publish
         self._participants = Participants(store, registry)
         self._preparing: Session | None = None
-        service.subscribe(SessionState, "/study/session", self._hear, qos.SESSION)
+        service.subscribe(SessionState, SESSION_TOPIC, self._hear, qos.SESSION)
         SessionMember(service)  # who hears of sessions is waited for, so it answers
         service.http.get("/history", self._past.worn, list[Worn])
         service.http.get("/readings", self._past.readings, list[Reading])
@@ -57,7 +58,7 @@ class People:
         """Take everything about one participant out of the registry, for ever."""
         if farewell.confirm != human_id:
             raise Refusal("confirm must be the pseudonym in the address: this cannot be undone", "confirm")
-        removed = self._participants.remove(human_id, self._worn_by(human_id), self._preparing)
+        removed = self._participants.remove(human_id, self._worn_by(human_id), self._to_come())
         self._service.log.info("a participant was taken out of the registry")
         if removed.in_log:
             self._service.log.warning(
@@ -65,6 +66,10 @@ class People:
             )
         self._publish()
         return removed
+
+    def _to_come(self) -> Session | None:
+        """The session that is being prepared; none where nobody is left on the graph who prepares it."""
+        return self._preparing if self._service.node.count_publishers(SESSION_TOPIC) else None
 
     def _hear(self, state: SessionState) -> None:
         self._preparing = session_of(state) if state.phase == SessionState.PREPARING else None

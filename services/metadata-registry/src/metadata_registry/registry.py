@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from sense4hri.names import UNASSIGNED, StreamName, is_human_id, is_sensor_id
+from sense4hri.names import UNASSIGNED, StreamName, is_human_id, is_sensor_id, meaning
 from sense4hri.shapes import LONGEST_SHOWN
 
 from metadata_registry.past import MOST_ASSIGNMENTS
@@ -179,6 +179,8 @@ class Registry:
             return Outcome(False, f"sensor_id {_shown(sensor_id)} is not legal: {small}", "sensor_id")
         if not is_human_id(human_id):
             return Outcome(False, f"human_id {_shown(human_id)} is not legal: {rules}", "human_id")
+        if human_id != UNASSIGNED and (means := meaning(human_id)):
+            return Outcome(False, f"human_id {human_id!r} is no participant: it means {means}", "human_id")
         if person_id and not _PERSON_ID.fullmatch(person_id):
             why = "letters, digits and '_', no digit first, at most 100 (or empty)"
             return Outcome(False, f"person_id {_shown(person_id)} is not legal: {why}", "person_id")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from bumble.link import LocalLink
 
+from sensor_bench.ble import patient_bus
 from sensor_bench.ble.adapter import DEVICE_TIMEOUT_S
 from sensor_bench.ble.bus import PrivateBus
 from sensor_bench.ble.controller import radio_device
@@ -64,10 +65,14 @@ class Bench:
             log.info("virtual %s: %s", keys.model, keys.sensor)
 
     async def keep_bus(self) -> None:
-        """For ever: a bus that ends is started again, and the devices are on it as after a bluetoothd that fell."""
+        """For ever: where the bus, or the connection to it, ends all is back as after a bluetoothd that fell."""
         while True:
+            await self.bluez.disconnected()
             await self.bus.revive()
-            await self.bluez.reconnect()
+            try:
+                await self.bluez.reconnect()
+            except patient_bus.LOST as err:
+                log.error("the private bus takes no connection (%r); trying again", err)
 
     async def stop(self) -> None:
         await self.bluez.stop()

@@ -20,6 +20,7 @@ from sense4hri.stamps import SECOND_NS, to_ns
 from sense4hri_msgs.msg import Marker, SessionAck, SessionState
 from sense4hri_msgs.srv import StartSession, StopSession
 
+from session_coordinator.awake import AwakeClock
 from session_coordinator.config import Config
 from session_coordinator.coordinator import DISCOVERY_S, Coordinator
 from session_coordinator.heartbeat import Heartbeats
@@ -31,7 +32,6 @@ from session_coordinator.streams import StreamWatch
 from session_coordinator.wire import Told, marker_message, state_message, told
 
 TICK_S, LOOK_S, BEAT_S = 0.1, 0.25, 1.0
-STOOD_STILL_S, WAKES_S = 1.5, 1.0  # who did not look for so long takes in for a while what came meanwhile
 PROCESS_BYTES = 12  # of an endpoint's id are the same for one process
 SESSION_TOPIC = "/study/session"
 RIVAL_S = 25.0  # DDS shows a killed coordinator for up to 20 s
@@ -40,13 +40,12 @@ RIVAL_S = 25.0  # DDS shows a killed coordinator for up to 20 s
 class Shell:
     """The session as seen from outside: topics, services, HTTP, file."""
 
-    def __init__(self, service: Service[Config], store: Store, coordinator: Coordinator) -> None:
-        self._service, self._store, self._coordinator = service, store, coordinator
+    def __init__(self, service: Service[Config], store: Store, coordinator: Coordinator, awake: AwakeClock) -> None:
+        self._service, self._store, self._coordinator, self._awake = service, store, coordinator, awake
         self._trouble = ""
         self._latest, self._is_mute = coordinator.session, True
-        self._unheard_at_s = self._alone_at_s = self._ticked_s = self._looked_s = time.monotonic()
-        self._woke_s = -WAKES_S
-        self._watch, self._recorders, self._services = StreamWatch(service), Heartbeats(), Beats()
+        self._ticked_s, self._unheard_at_s, self._alone_at_s = time.monotonic(), awake.now_s(), awake.now_s()
+        self._watch, self._recorders, self._services = StreamWatch(service, awake.now_s), Heartbeats(), Beats()
         self._people = service.watch([f"{ROOT}/*/*/*/*"], lambda topic: None)
         self._sessions = service.publisher(SessionState, SESSION_TOPIC, qos.SESSION)
         self._markers = Markers(service, lambda: self._coordinator.recorded_by)
@@ -67,6 +66,7 @@ class Shell:
         """Let time pass; that it passed without this process is noted."""
         stood_s, self._ticked_s = time.monotonic() - self._ticked_s, time.monotonic()
         if stood_s > SILENT_S and self._coordinator.session.phase in ACTIVE:
+            self._coordinator.woke(self._now())
             self._do([Note(f"{self._service.node.get_name()}: stood still for {stood_s:.0f} s")])
         self._do(self._coordinator.tick(self._now()))
         if self._is_mute:
@@ -79,24 +79,17 @@ class Shell:
 
     def look(self) -> None:
         """Look at the graph: who hears the session, and how the required streams are."""
+        self.tick()  # first: it takes note of a standstill
         present: dict[str, frozenset[bytes]] = {}
         for info in self._service.node.get_subscriptions_info_by_topic(SESSION_TOPIC):
             process = bytes(info.endpoint_gid)[:PROCESS_BYTES]
             present[info.node_name] = present.get(info.node_name, frozenset()) | {process}
         if not self._has_rival():
-            self._alone_at_s = time.monotonic()
+            self._alone_at_s = self._awake.now_s()
         self._do(self._coordinator.seen(present, self._now()))
-        if not self._is_waking() and self._coordinator.session.phase in ACTIVE:
+        if self._coordinator.session.phase in ACTIVE:
             self._do(self._coordinator.streams(self._watch.look(), self._now()))
             self._do(self._coordinator.troubles(self._troubles(), self._now()))
-
-    def _is_waking(self) -> bool:
-        """True for WAKES_S after this process stood still itself: the silence of others is its own."""
-        now_s = time.monotonic()
-        if now_s - self._looked_s > STOOD_STILL_S:
-            self._woke_s = now_s
-        self._looked_s = now_s
-        return now_s - self._woke_s < WAKES_S
 
     def beat(self) -> None:
         """Keep the time until which the session was looked after; what could not be kept is tried again."""
@@ -110,7 +103,7 @@ class Shell:
         return told(self._coordinator.session, self._coordinator.present)
 
     def _now(self) -> Now:
-        return Now(int(self._service.node.get_clock().now().nanoseconds), time.monotonic())
+        return Now(int(self._service.node.get_clock().now().nanoseconds), self._awake.now_s())
 
     def _do(self, effects: list[Effect]) -> None:
         for effect in effects:
@@ -133,8 +126,8 @@ class Shell:
         Services would take that for the end of the other one's session. Who hears it is found as slowly as that one.
         """
         if not self._sessions.get_subscription_count():
-            self._unheard_at_s = time.monotonic()
-        knows_graph = time.monotonic() - self._unheard_at_s > DISCOVERY_S
+            self._unheard_at_s = self._awake.now_s()
+        knows_graph = self._awake.now_s() - self._unheard_at_s > DISCOVERY_S
         if self._latest.phase in ACTIVE or (knows_graph and not self._has_rival()):
             self._is_mute = False
         if not self._is_mute:
@@ -183,15 +176,15 @@ class Shell:
 
     def _on_diagnostics(self, told: DiagnosticArray) -> None:
         for service in diagnostics.beats(told):
-            self._services.take(service, time.monotonic())
+            self._services.take(service, self._awake.now_s())
         for status in told.status:
             beat = RecorderStatus.parse(status)
             if beat is not None and beat.node in self._service.config.last_services:
-                self._recorders.take(beat, time.monotonic())
+                self._recorders.take(beat, self._awake.now_s())
 
     def _troubles(self) -> Mapping[str, str]:
         """What is wrong with the other services; of those who record, what they say of the recording first."""
-        session, now_s = self._coordinator.session, time.monotonic()
+        session, now_s = self._coordinator.session, self._awake.now_s()
         recording = [name for name in self._service.config.last_services if name in session.expected]
         recorders = self._recorders.troubles(recording, session.session_id, self._coordinator.entered_s, now_s)
         services = self._services.troubles(now_s)
@@ -199,7 +192,7 @@ class Shell:
         return {**services, **recorders}
 
     def _begin(self, wish: Request) -> Outcome:
-        if time.monotonic() - self._alone_at_s > RIVAL_S:
+        if self._awake.now_s() - self._alone_at_s > RIVAL_S:
             outcome = Outcome(False, "", "", "two session-coordinators are on this ROS domain; end one of them", [])
         else:
             outcome = self._coordinator.start(wish, self._now())
@@ -291,8 +284,8 @@ def _done(outcome: Outcome) -> Done:
     return Done(True, outcome.session_id, outcome.message, outcome.directory)
 
 
-def _restored(service: Service[Config], store: Store) -> Coordinator:
-    now, kept = Now(time.time_ns(), time.monotonic()), None
+def _restored(service: Service[Config], store: Store, awake: AwakeClock) -> Coordinator:
+    now, kept = Now(time.time_ns(), awake.now_s()), None
     try:
         kept = store.load()
     except (ValueError, OSError) as err:
@@ -311,8 +304,8 @@ def _set_aside(store: Store) -> Path:
 
 async def serve(service: Service[Config]) -> None:
     """Coordinate until told to stop; a running session goes on, and is taken up again by the next run."""
-    store = Store(Path(service.config.state_file))
-    shell = Shell(service, store, _restored(service, store))
+    store, awake = Store(Path(service.config.state_file)), AwakeClock()
+    shell = Shell(service, store, _restored(service, store, awake), awake)
     service.every(TICK_S, shell.tick)
     service.every(LOOK_S, shell.look)
     service.every(BEAT_S, shell.beat)

@@ -22,7 +22,7 @@ from session_coordinator.session import ACTIVE, SECOND_NS, Ack, Effect, Note, No
 from session_coordinator.writers import Writers
 
 DISCOVERY_S = 2.0  # of a fresh coordinator, before it knows who is on the graph
-SETTLE_S = 20.0  # of a coordinator that goes on with a session, before it says that somebody, or a stream, has gone
+SETTLE_S = 20.0  # of one that goes on with a session, or stood still, before it says that anything has gone
 MOST_NAMES = 1000  # of sessions remembered
 MOST_SERVICES, MOST_WAITED = 300, 1000  # what everybody can still read, and a restart
 LONGEST_LINE, LONGEST_DIRECTORY, LONGEST_DETAIL = 300, 4096, 10_000  # characters
@@ -79,9 +79,13 @@ class Coordinator:
         absence = f"for {gone_for_s:.1f} s" if known else "for a time that is not known: the clock was set back"
         self._resumed = f"session_coordinator was away {absence}"
 
+    def woke(self, now: Now) -> None:
+        """This process stood still: whom DDS has forgotten meanwhile is found again, and has not gone."""
+        self._settled_at_s = now.monotonic_s + SETTLE_S
+
     @property
     def entered_s(self) -> float:
-        """When the phase began, on the monotonic clock."""
+        """When the phase began, on the clock of `Now`."""
         return self._since_s
 
     @property

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from sense4hri.errors import Refusal
-from sense4hri.names import UNASSIGNED, is_human_id
+from sense4hri.names import HUMAN_ID_FORM, is_human_id, meaning
 from sense4hri.patterns import checked
 from sense4hri.schema import Rule, parameter
 from sense4hri.strict_json import parse
@@ -101,7 +101,7 @@ def press(wish: MarkerWish) -> Press:
     if not name:
         raise Refusal("name is empty: name the marker", "name")
     if human_id and not is_human_id(human_id):
-        raise Refusal(f"human_id {human_id!r}: letters, digits and single '_', a letter first, at most 63", "human_id")
+        raise Refusal(f"human_id {human_id!r}: {HUMAN_ID_FORM}", "human_id")
     value, source = _text("value", wish.value, LONGEST_VALUE), _text("source", wish.source, LONGEST_NAME)
     return Press(name, value, human_id, wish.age_ms / 1000, wish.uncertainty_ms / 1000, source)
 
@@ -110,9 +110,10 @@ def _human_ids(wish: StartWish) -> tuple[str, ...]:
     if len(wish.human_ids) > MOST_PEOPLE:
         raise Refusal(f"human_ids names {len(wish.human_ids)} people, at most {MOST_PEOPLE} are allowed", "human_ids")
     for human_id in wish.human_ids:
-        if not is_human_id(human_id) or human_id == UNASSIGNED:
-            rules = "letters, digits and single '_', a letter first, at most 63"
-            raise Refusal(f"human_ids: {human_id!r} is no participant: {rules}", "human_ids")
+        if means := meaning(human_id):
+            raise Refusal(f"human_ids: {human_id!r} is no participant: it means {means}", "human_ids")
+        if not is_human_id(human_id):
+            raise Refusal(f"human_ids: {human_id!r} is no participant: {HUMAN_ID_FORM}", "human_ids")
         if wish.human_ids.count(human_id) > 1:
             raise Refusal(f"human_ids: {human_id!r} is named twice", "human_ids")
     return wish.human_ids

@@ -21,7 +21,7 @@ ACTIVE = (Phase.PREPARING, Phase.RECORDING, Phase.STOPPING)
 
 
 class Now(NamedTuple):
-    """The time, twice: ROS time for what others read, a clock nobody sets for deadlines."""
+    """The time, twice: ROS time for what others read, for deadlines a clock nobody sets (`awake.AwakeClock`)."""
 
     ros_ns: int
     monotonic_s: float

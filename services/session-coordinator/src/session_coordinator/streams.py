@@ -1,7 +1,6 @@
 """Watches required streams: absent, stale or slow."""
 
-import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -22,7 +21,7 @@ ENOUGH = 0.95  # share of the nominal rate
 
 @dataclass
 class _Heard:
-    """One topic; times on the monotonic clock, in s."""
+    """One topic; times on the coordinator's clock, in s."""
 
     since_s: float
     installed: bool = True
@@ -35,8 +34,8 @@ class _Heard:
 class StreamWatch:
     """Hears every topic that matches the globs of a session, without decoding it."""
 
-    def __init__(self, service: Service[Config]) -> None:
-        self._service, self._stale_s = service, service.config.stale_s
+    def __init__(self, service: Service[Config], now_s: Callable[[], float]) -> None:
+        self._service, self._stale_s, self._now_s = service, service.config.stale_s, now_s
         self._globs: dict[str, Patterns] = {}
         self._follower: Follower | None = None
         self._heard: dict[str, _Heard] = {}
@@ -69,7 +68,7 @@ class StreamWatch:
             for glob, patterns in self._globs.items()
             if not any(map(patterns.match, self._heard))
         }
-        now_s = time.monotonic()
+        now_s = self._now_s()
         return troubles | {topic: why for topic, heard in self._heard.items() if (why := self._trouble(heard, now_s))}
 
     def _trouble(self, heard: _Heard, now_s: float) -> str:
@@ -87,13 +86,13 @@ class StreamWatch:
 
     def _take(self, topic: Topic, cdr: bytes) -> None:
         if heard := self._heard.get(topic.name):  # None where one of two types of the name has just gone
-            heard.last_s = time.monotonic()
+            heard.last_s = self._now_s()
 
     def _publishers(self, topic: Topic, profile: QoSProfile) -> None:
         self._unread.pop(topic.name, None)
         heard = self._heard.get(topic.name)
         if heard is None:
-            heard = self._heard[topic.name] = _Heard(time.monotonic())
+            heard = self._heard[topic.name] = _Heard(self._now_s())
             self._hear_health(topic.name, heard)
         heard.latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
 
@@ -101,7 +100,7 @@ class StreamWatch:
         if topic.excess:
             self._unread[topic.name] = why  # nor does anybody record it
             return
-        self._heard[topic.name] = _Heard(time.monotonic(), installed=False)
+        self._heard[topic.name] = _Heard(self._now_s(), installed=False)
         self._service.log.warning(f"{topic.name}: {why}; that it is there must do")
 
     def _hear_health(self, topic: str, heard: _Heard) -> None:

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from sense4hri import strict_json
 from sense4hri.intake import LONGEST_NAME
-from sense4hri.names import HUMAN_ID_FORM, SENSOR_ID_FORM, StreamName, is_human_id, is_sensor_id
+from sense4hri.names import HUMAN_ID_FORM, SENSOR_ID_FORM, UNASSIGNED, StreamName, is_human_id, is_sensor_id, meaning
 from sense4hri.stamps import SECOND_NS
 
 from web_gui.view import MOST_CHANNELS, LaneRequest, Request
@@ -63,6 +63,8 @@ class Assign(NamedTuple):
         """Which of the two is no such id, and what one looks like; empty where both are."""
         if not is_sensor_id(self.sensor_id):
             return f"{self.sensor_id!r} is no sensor_id: {SENSOR_ID_FORM}"
+        if self.human_id != UNASSIGNED and (means := meaning(self.human_id)):
+            return f"{self.human_id!r} is no participant: it means {means}"
         return "" if is_human_id(self.human_id) else f"{self.human_id!r} is no pseudonym: {HUMAN_ID_FORM}"
 
 

@@ -25,6 +25,7 @@ from web_gui.stream import FRESH_NS, Fresh, Stream
 FACE_FRESH_NS = 3 * SECOND_NS
 FORGET_NS = 600 * SECOND_NS  # a stream that is gone stays on the page for this long
 MOST_MARKERS = 500
+DRIVER = "driver_"  # begins a driver's node; it is ready while its device streams, which the streams tell
 MOST_PEOPLE, MOST_FAULTS = 1000, 200
 MOST_STREAMS, MOST_GONE = 2000, 100  # known at once; of these, no longer on the graph
 MOST_BYTES, MOST_GONE_BYTES = 512_000_000, 16_000_000  # of their samples
@@ -166,6 +167,18 @@ class Study:
     def face_gone(self, face_id: str) -> None:
         """Nobody tells this face's expression any more."""
         self.faces.pop(face_id, None)
+
+    def unseen(self, now_ns: int) -> dict[str, str]:
+        """Return the drivers whose device has shown no stream yet, by which else they are told of; each with why.
+
+        A driver's node is named `driver_<kind>_<sensor_id>`.
+        """
+        sensors = {name.sensor_id for name in self.streams}
+        return {
+            driver: why
+            for driver, why in self.services.not_ready(now_ns).items()
+            if driver.startswith(DRIVER) and not any(driver.endswith(f"_{sensor_id}") for sensor_id in sensors)
+        }
 
     def humans(self) -> list[str]:
         """Return every human_id known, unassigned last."""

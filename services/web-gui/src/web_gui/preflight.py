@@ -6,7 +6,7 @@ The bounds are those of the alerts (`rules.RULES`). Whether a session starts is 
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from web_gui.model import Study
+from web_gui.model import DRIVER, Study
 from web_gui.readings import number
 from web_gui.rules import RULES
 from web_gui.stream import Stream
@@ -102,11 +102,14 @@ def _recorder(study: Study, now_ns: int) -> Item:
 
 def _services(study: Study, now_ns: int) -> Iterator[Item]:
     services = study.services
-    troubles, unready, answering = services.troubles(now_ns), services.not_ready(now_ns), services.answering(now_ns)
+    troubles, answering, unseen = services.troubles(now_ns), services.answering(now_ns), study.unseen(now_ns)
+    unready = {name: why for name, why in services.not_ready(now_ns).items() if not name.startswith(DRIVER)}
     for name in sorted(services.expected - {COORDINATOR, RECORDER}):
         if name in troubles:
             yield Item(name, False, troubles[name], "it is started again by itself; else start it")
-        elif name in unready and not name.startswith("driver_"):
+        elif name in unready:
             yield Item(name, False, unready[name], "its log says more")
+        elif name in unseen:
+            yield Item(name, False, unseen[name], "switch the sensor on, put it on, and bring it near")
         else:
             yield Item(name, True, "answers" if name in answering else "there, has no heartbeat")

@@ -6,7 +6,7 @@ from itertools import groupby
 from sense4hri.beats import AFRESH_S
 from sense4hri.stamps import SECOND_NS
 
-from web_gui.model import Study
+from web_gui.model import DRIVER, Study
 from web_gui.problem_log import Problem
 from web_gui.rules import RULES
 from web_gui.services import Services
@@ -15,7 +15,6 @@ from web_gui.stream_problems import of_sensor
 
 MOVING_NS = 6 * SECOND_NS  # for so long the old topics of a sensor that moves may still be seen, or be fresh
 RECORDER = "recorder"  # its node
-DRIVER = "driver_"  # begins a driver's; it is ready while its device streams, which the streams tell
 
 
 def problems(study: Study, now_ns: int) -> Iterator[Problem]:
@@ -26,6 +25,9 @@ def problems(study: Study, now_ns: int) -> Iterator[Problem]:
     yield from _of_recorder(study, now_ns)
     yield from study.hosts.problems(now_ns)
     yield from _of_services(study.services, bool(study.session.recorder.doubt), now_ns)
+    for driver, why in study.unseen(now_ns).items():
+        text = f"{driver} has found no sensor yet: {why}; is it on, worn and near?"
+        yield Problem.of("SensorNotFound", f"lost {driver}", text)
     yield from (Problem(f"fault {topic}", text, "warning") for topic, text in study.faults.items())
     for sensor_id, texts in study.notes.items():
         for which, text in enumerate(texts):

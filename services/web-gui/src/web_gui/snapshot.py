@@ -44,6 +44,7 @@ def study_message(study: Study, log: ProblemLog, now_ns: int) -> Json:
             _stream(stream, now_ns) | {"notes": study.notes.get(stream.name.sensor_id, [])}
             for stream in study.ordered()
         ],
+        "unseen": [{"node": driver, "why": why} for driver, why in study.unseen(now_ns).items()],
         "markers": [
             {"at_ms": _ms(m.at_ns), "name": m.name, "value": m.value, "human": m.human_id} for m in study.markers
         ],

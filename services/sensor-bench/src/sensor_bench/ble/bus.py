@@ -71,9 +71,13 @@ class PrivateBus:
             raise BusError(f"no bus can be made at {self.socket_path}: {err.strerror or err}") from err
 
     async def revive(self) -> None:
-        """Wait until the daemon has ended by itself, then start another one; tries again for ever."""
+        """Start another daemon where this one has ended, or ends within REVIVE_S; tries again for ever."""
         if self._process is not None:
-            status = await self._process.wait()
+            try:
+                async with asyncio.timeout(REVIVE_S):
+                    status = await self._process.wait()
+            except TimeoutError:
+                return
             log.error("the private bus ended with status %s; it is started again", status)
         while True:
             await asyncio.sleep(REVIVE_S)

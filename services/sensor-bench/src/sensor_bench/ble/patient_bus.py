@@ -7,8 +7,11 @@ from typing import Any, cast
 
 from dbus_fast import BusType
 from dbus_fast.aio import MessageBus
+from dbus_fast.errors import AuthError
 
 WAIT_S = 5.0
+LOST = (OSError, EOFError, AuthError)
+"""What dbus-fast raises where a connection ends, or is not made."""
 
 
 class _PatientSocket:

@@ -88,8 +88,17 @@ class BluezStandIn:
         await self._connect()
         self._spawn(self.adapter.forget_unseen())
 
+    async def disconnected(self) -> None:
+        """Wait until the connection to the bus has ended, as it does with the bus."""
+        if self._bus is None:
+            return
+        try:
+            await asyncio.shield(self._bus.wait_for_disconnect())  # `stop` waits for the same
+        except patient_bus.LOST as err:
+            log.error("the connection to the private bus is lost (%r); it is made again", err)
+
     async def reconnect(self) -> None:
-        """On a bus that was started again: all clients of the one before are gone, and their names are given anew."""
+        """Be on the bus again as another one: clients of before are gone, or see that `org.bluez` was. Raises LOST."""
         await self.adapter.forget_clients()
         await self._connect()
 

@@ -134,12 +134,12 @@ function showEmpty() {
   byId("lanes").hidden = !signals;
   byId("axis").hidden = byId("past").hidden = !signals;
   if (signals) return;
-  const waiting = study.streams.length;
-  text(empty.querySelector("h2"), waiting ? "Connecting to the sensors" : "Nothing is connected yet");
-  text(empty.querySelector("p"), waiting
+  const waiting = [...study.streams.map((stream) => `${stream.human} / ${stream.sensor}: ${stream.status}`), ...study.unseen.map((one) => `${one.node}: ${one.why}`)];
+  text(empty.querySelector("h2"), waiting.length ? "Connecting to the sensors" : "Nothing is connected yet");
+  text(empty.querySelector("p"), waiting.length
     ? "Drivers are on the graph, no samples so far. Their signals appear here with the first sample."
     : "This page shows every sensor on the ROS graph as soon as its driver runs. To see it with two virtual participants:");
-  text(empty.querySelector("pre"), waiting ? study.streams.map((stream) => `${stream.human} / ${stream.sensor}: ${stream.status}`).join("\n") : "make demo");
+  text(empty.querySelector("pre"), waiting.join("\n") || "make demo");
 }
 
 function connectionChanged(/** @type {boolean} */ connected) {
