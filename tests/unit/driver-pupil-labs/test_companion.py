@@ -3,6 +3,7 @@
 import asyncio
 import json
 import math
+import re
 import select
 import socket
 import sys
@@ -164,7 +165,8 @@ def test_a_status_that_is_none_is_refused(body):
 
 
 @pytest.mark.parametrize(
-    "odd", [{"port": 70_000}, {"port": 0}, {"ip": "x" * 100}, {"ip": "a\0b"}, {"params": "\ud800"}, {"params": "a\r\nb"}]
+    "odd",
+    [{"port": 70_000}, {"port": 0}, {"ip": "x" * 100}, {"ip": "a\0b"}, {"params": "\ud800"}, {"params": "a\r\nb"}],
 )
 def test_a_sensor_that_nobody_can_reach_is_refused(odd):
     """A port beyond 65535, a host that is no address, a path that would break the request."""
@@ -246,6 +248,13 @@ def test_a_look_that_is_not_answered_ends_no_stream(monkeypatch):
     monkeypatch.setattr(companion_device, "ASK_S", 0.1)
     assert not [item for item in asyncio.run(listen()) if isinstance(item, ClockMeasurement)]
     assert len(asked) > 1
+
+
+@pytest.mark.parametrize("name", ["phone..lab", "x" * 64, "."])
+def test_a_name_that_no_computer_can_have_is_said(name):
+    """A slip in the study's address is a device that is not there, and no traceback."""
+    with pytest.raises(DeviceLost, match=re.escape(name)):
+        asyncio.run(companion_link.status(name, 8080))
 
 
 def test_nobody_there_is_said_with_the_address():

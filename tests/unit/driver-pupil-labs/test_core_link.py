@@ -218,5 +218,9 @@ def test_a_server_that_is_no_capture_is_lost(answer):
             assert server.recv_multipart() == [b"SUB_PORT"]
             server.send_multipart([part.encode() for part in answer])
             with pytest.raises(DeviceLost, match="no Pupil Capture"):
-                for _ in range(20):
-                    link.read()
+                _read_until_lost(link)
+
+
+def _read_until_lost(link: CaptureLink) -> None:
+    for _ in range(20):
+        link.read()
