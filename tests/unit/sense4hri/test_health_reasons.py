@@ -32,6 +32,8 @@ def test_more_samples_than_are_declared_are_told(
         counts.arrived(round(20 * factor))
     reasons = health_message("box_1", State.STREAMING, 100.0, Link(), counts).reasons
     assert [f"{100 * factor:.0f} samples per s" in each for each in reasons] == [True] * told
+    counts.device_time = True  # the device stamps them: its times are right, as of a recording that is played faster
+    assert not health_message("box_1", State.STREAMING, 100.0, Link(), counts).reasons
 
 
 def test_of_what_has_no_rate_none_are_too_many(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -62,6 +62,14 @@ def test_a_host_clock_that_is_set_is_no_delay_of_the_link(host: Host, step_s: fl
     assert max(latencies_s) < 0.1
 
 
+def test_the_newest_frame_says_whether_the_device_stamps_its_samples(host: Host, opened: Outlet) -> None:
+    """Where it does not the times of samples rest on the declared rate."""
+    publish(opened, host, host.wall_ns())
+    assert opened.counts.device_time
+    opened.publish(Samples("eda", Chunk(("eda",), np.zeros((1, 1)), None, WALL_NS)))
+    assert not opened.counts.device_time
+
+
 @pytest.mark.parametrize("value", [np.inf, -np.inf, 1e31])
 def test_a_number_that_no_message_may_hold_costs_no_other_sample(value: float, opened: Outlet) -> None:
     """Everybody refuses a message with one: it goes as NaN, its neighbours as they are, is counted and told of."""

@@ -56,13 +56,14 @@ class StreamCounts:
     nominal_hz: the declared rate, 0 where there is none. loss_known: whether the newest samples tell what is missing;
     False until some have come. time_doubt: why the newest frame has no device time though its device sent one;
     value_doubt: why it has NaN where its device sent a number. begun_monotonic_s: since when its device streams;
-    begun_total: samples that had come until then.
+    begun_total: samples that had come until then. device_time: whether the device stamps its newest samples.
     """
 
     nominal_hz: float = 0.0
     samples_total: int = 0
     lost_samples_total: int = 0
     loss_known: bool = False
+    device_time: bool = False
     gaps_total: int = 0
     duplicates_total: int = 0
     impossible_times_total: int = 0
@@ -111,17 +112,18 @@ class StreamCounts:
         return (sum(n for _, n in self.arrivals) - self.arrivals[0][1]) / span if span > 0 else math.nan
 
     def rate_doubt(self) -> str:
-        """Return what is wrong where more samples come than are declared, as nothing else shows it; empty if nothing.
+        """Return what is wrong where more samples without device time come than are declared; empty where nothing is.
 
-        Fewer show as a low rate. Over all the time that the device has been streaming: no burst is taken for it.
+        Fewer show as a low rate; nothing else shows more. Over all the time that the device has been streaming, so that
+        no burst is taken for it.
         """
         passed_s = time.monotonic() - self.begun_monotonic_s
-        if self.nominal_hz <= 0 or passed_s < long_s(SETTLE_S, self.nominal_hz):
+        if self.device_time or self.nominal_hz <= 0 or passed_s < long_s(SETTLE_S, self.nominal_hz):
             return ""
         rate_hz = (self.samples_total - self.begun_total) / passed_s
         if rate_hz <= self.nominal_hz * (1 + RATE_TRUST):
             return ""
-        return f"{rate_hz:.4g} samples per s come, declared are {self.nominal_hz:g}: their times may be wrong"
+        return f"{rate_hz:.4g} samples per s come, declared are {self.nominal_hz:g}: their times are wrong"
 
     def _forget(self, now_s: float) -> None:
         """Leave out frames that came before the window of the rate."""

@@ -162,7 +162,8 @@ class Outlet:
         lost: by the device's own count, None where it has none.
         """
         timed = self._clock.place(chunk)
-        self.counts.loss_known = lost is not None or (chunk.device_ns is not None and self.nominal_hz > 0)
+        self.counts.device_time = chunk.device_ns is not None
+        self.counts.loss_known = lost is not None or (self.counts.device_time and self.nominal_hz > 0)
         self.counts.arrived(len(chunk.samples))
         if timed.break_ is Break.DUPLICATE:
             self.counts.duplicates_total += 1
