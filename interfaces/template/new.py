@@ -111,7 +111,8 @@ def words_of(kind: str, short: str, link: str = "") -> dict[str, str]:
     message = MODALITIES[sensor_type].message if sensor_type in MODALITIES else ""
     if kind == "interpreter" and not message:
         able = ", ".join(each.sensor_type for each in MODALITIES.values() if each.message)
-        raise ValueError(f"NAME is {short!r}, must be the sensor type it reads, one of {able}")
+        first = "another kind of signal gets its message first: docs/adding-an-interpreter.md"
+        raise ValueError(f"NAME is {short!r}, must be the sensor type it reads, one of {able}; {first}")
     name = short if kind == "service" else f"{kind}-{short.replace('_', '-')}"
     return {
         "name": name,
@@ -166,6 +167,13 @@ def _taken(package: str) -> str:
     return f"Python has a package {package} already" if importlib.util.find_spec(package) else ""
 
 
+def rivals(folder: Path, message: str) -> list[str]:
+    """Return the other interpreters that publish this message: with one of them it would be twice on a topic."""
+    mains = sorted(ROOT.glob("services/interpreter-*/src/*/__main__.py")) if message else []
+    said = f"from sense4hri_msgs.msg import {message}\n"
+    return [path.parents[2].name for path in mains if said in path.read_text() and folder not in path.parents]
+
+
 def sources(kind: str, link: str) -> list[Path]:
     """Return the template's files of a kind: those that all services have, or its own in place of them."""
     folders = [FILES / "common", FILES / kind, *([FILES / f"driver-{link}"] if kind == "driver" else [])]
@@ -208,6 +216,10 @@ def main() -> int:
         print(f"new: {err}", file=sys.stderr)
         return 2
     print(f"new: {folder.relative_to(ROOT)}; README, src and the unit test wait for you; make env installs it")
+    if sys.argv[1] == "interpreter":
+        message = MODALITIES[sys.argv[2].replace("-", "_")].message
+        for each in rivals(folder, message):
+            print(f"new: {each} publishes {message} of the same streams: a study may have one of the two")
     return 0
 
 

@@ -127,6 +127,14 @@ def as_one(tree: Path) -> Path:
     return written
 
 
+def test_another_interpreter_of_the_same_streams_is_named(tree):
+    """Two that publish one message on one topic would tell everything twice; itself is no rival, nor any other."""
+    made = "ROOT / 'services' / 'interpreter-accelerometer'"
+    script = f"import new; from new import ROOT; print(new.rivals({made}, 'Motion'), new.rivals({made}, ''))"
+    found = run(tree, "-c", f"import sys; sys.path.insert(0, 'interfaces/template'); {script}")
+    assert found.stdout == "['interpreter-motion'] []\n", found.stderr
+
+
 @pytest.mark.parametrize(
     ("words", "named"),
     [
@@ -134,6 +142,7 @@ def as_one(tree: Path) -> Path:
         (("driver", "x", "usb"), "KIND"),
         (("driver", "My Box", "bare"), "NAME"),
         (("interpreter", "box"), "one of ecg"),
+        (("interpreter", "temperature"), "gets its message first"),
         (("driver", "polar", "bare"), "there"),
         (("driver", "demo", "serial"), "compose/studies/demo.yaml"),
         (("driver", "driver-acme", "serial"), "without driver-"),

@@ -1,7 +1,9 @@
 """Neon and Invisible: their packets, their clock, and what becomes of them over real sockets."""
 
 import asyncio
+import json
 import math
+import re
 import select
 import socket
 import sys
@@ -119,9 +121,58 @@ def test_what_has_no_known_length_is_refused(octets):
         companion.decode_event(octets)
 
 
-@pytest.mark.parametrize("body", [b"", b"[]", b'{"result": 5}', b'{"result": [{"model": "Phone"}]}', b'{"result": []}'])
+@pytest.mark.parametrize(
+    "octets",
+    [
+        b"RTSP/1.0 200 OK\r\nContent-Length: \xb2\r\n\r\n",
+        b"RTSP/1.0 200 OK\r\nContent-Length: " + b"9" * 5000 + b"\r\n\r\n",
+        b"RTSP/1.0 \xb2 OK\r\n\r\n",
+        b"RTSP/1.0 " + b"2" * 5000 + b" OK\r\n\r\n",
+    ],
+)
+def test_an_answer_whose_numbers_are_none_is_refused(octets):
+    """What Latin-1 calls a digit is no number, nor are thousands of digits."""
+    with pytest.raises(FrameError, match="RTSP answer"):
+        list(rtp.take(bytearray(octets)))
+
+
+@pytest.mark.parametrize("digits", ["0", "9" * 5000, "4294967296"])
+def test_a_clock_that_no_packet_can_have_is_refused(digits):
+    """Its rate is a number of 32 bits above 0."""
+    with pytest.raises(FrameError, match="clock"):
+        rtp.clock_hz(f"a=rtpmap:96 com.pupillabs.gaze1/{digits}".encode())
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"",
+        b"[]",
+        b"[" * 100_000,
+        b'{"result": 5}',
+        b'{"result": [{"model": "Phone"}]}',
+        b'{"result": []}',
+        b'{"result": [{"model": "Phone", "data": {"battery_level": 1' + b"0" * 400 + b"}}]}",
+        b'{"result": [{"model": "Phone", "data": {"time_echo_port": Infinity}}]}',
+        b'{"result": [{"model": "Phone", "data": {"time_echo_port": 70000}}]}',
+        b'{"result": [{"model": "Phone", "data": {}}, {"model": "Hardware", "data": {"module_serial": "\\ud800"}}]}',
+    ],
+)
 def test_a_status_that_is_none_is_refused(body):
-    """Whatever else answers on that port."""
+    """Whatever else answers on that port; no text and no number of it is one that somebody behind stumbles over."""
+    with pytest.raises(FrameError, match="no status"):
+        companion.decode_status(body)
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [{"port": 70_000}, {"port": 0}, {"ip": "x" * 100}, {"ip": "a\0b"}, {"params": "\ud800"}, {"params": "a\r\nb"}],
+)
+def test_a_sensor_that_nobody_can_reach_is_refused(odd):
+    """A port beyond 65535, a host that is no address, a path that would break the request."""
+    told = {"sensor": "gaze", "ip": "192.168.1.5", "port": 8086, "params": "camera=gaze", "connected": True}
+    parts = [("Phone", {}), ("Sensor", told | {"conn_type": "DIRECT"} | odd)]
+    body = json.dumps({"result": [{"model": model, "data": data} for model, data in parts]}).encode()
     with pytest.raises(FrameError, match="no status"):
         companion.decode_status(body)
 
@@ -197,6 +248,13 @@ def test_a_look_that_is_not_answered_ends_no_stream(monkeypatch):
     monkeypatch.setattr(companion_device, "ASK_S", 0.1)
     assert not [item for item in asyncio.run(listen()) if isinstance(item, ClockMeasurement)]
     assert len(asked) > 1
+
+
+@pytest.mark.parametrize("name", ["phone..lab", "x" * 64, "."])
+def test_a_name_that_no_computer_can_have_is_said(name):
+    """A slip in the study's address is a device that is not there, and no traceback."""
+    with pytest.raises(DeviceLost, match=re.escape(name)):
+        asyncio.run(companion_link.status(name, 8080))
 
 
 def test_nobody_there_is_said_with_the_address():

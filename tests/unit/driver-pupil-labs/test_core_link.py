@@ -6,6 +6,7 @@ from contextlib import aclosing, asynccontextmanager, closing
 import msgpack
 import numpy as np
 import pytest
+import zmq
 from driver_pupil_labs.config import PupilConfig
 from driver_pupil_labs.device import Core
 from driver_pupil_labs.exchange import Asked, best
@@ -205,3 +206,21 @@ def test_a_wall_clock_that_was_set_between_two_exchanges_spoils_none_of_them():
     """Round trips are of the monotonic clock; the offset is to the wall clock as it goes now."""
     measured = best([Asked(1000, 1400, 500), Asked(20_000, 29_000, 0)], 7_000_000, "")
     assert (measured.received_ns, measured.offset_ns) == (7_029_000, 7_001_200 - 500)
+
+
+@pytest.mark.parametrize("answer", [["\u00b2"], ["9" * 5000], ["50021", "and more"]])
+def test_a_server_that_is_no_capture_is_lost(answer):
+    """It is said what it answered, also where that looks like digits to Python, or comes in several parts."""
+    with zmq.Context() as context, context.socket(zmq.REP) as server:
+        port = server.bind_to_random_port("tcp://127.0.0.1")
+        with closing(CaptureLink("127.0.0.1", port)) as link:
+            link.read()
+            assert server.recv_multipart() == [b"SUB_PORT"]
+            server.send_multipart([part.encode() for part in answer])
+            with pytest.raises(DeviceLost, match="no Pupil Capture"):
+                _read_until_lost(link)
+
+
+def _read_until_lost(link: CaptureLink) -> None:
+    for _ in range(20):
+        link.read()

@@ -322,6 +322,12 @@ def test_what_cannot_be_is_said_with_its_field(topic, content, said):
         decode(topic, msgpack.packb(content))
 
 
+@pytest.mark.parametrize("subject", [None, 5, ["recording.started"], {"recording.started": 1}])
+def test_a_notice_whose_subject_is_no_text_concerns_nobody(subject):
+    """It is passed over like any other notice that is no recording."""
+    assert decode("notify.recording.started", msgpack.packb({"subject": subject})) is None
+
+
 @given(seed=some.integers(0, 9999), cut=some.integers(0, 400), flip=some.integers(0, 3000))
 def test_damaged_messages_are_frame_errors(seed, cut, flip):
     """Cut and flipped bytes of real messages never raise anything else."""

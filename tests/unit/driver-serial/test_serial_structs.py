@@ -1,6 +1,7 @@
 """Structs without a checksum: where one begins, and when it came."""
 
 import struct
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -83,3 +84,32 @@ def test_one_byte_is_no_beginning_of_a_struct_without_checksum() -> None:
     """Every 256th byte is that byte by chance: refused, with what to do."""
     with pytest.raises(ValueError, match="begins is 'a5': without a checksum one byte is too little"):
         parse("format: struct\nbegins: a5\nfields: [gsr u16, ppg u32]\n" + STREAMS)
+
+
+@pytest.mark.parametrize("form", ["struct", "cobs"])
+@pytest.mark.parametrize("order", ["little", "big"])
+def test_numbers_of_three_bytes_are_numbers(form: str, order: Literal["little", "big"]) -> None:
+    """As converters of 24 bits send them, with a sign or without; a time of three bytes wraps; `_` is nobody's."""
+    begins = "begins: a5 5a\n" if form == "struct" else ""
+    text = f"format: {form}\n{begins}byte_order: {order}\nchecksum: crc16\n" + (
+        "fields: [t u24, _ u24, gsr i24, ppg u24]\ntime: {field: t, unit: us, bits: 24}\n" + STREAMS
+    )
+    values = [-(2**23), -1, 0, 1, 2**23 - 1] * 4
+    frames = []
+    for number, value in enumerate(values):
+        time_us = (2**24 - 100_000 + number * 20_000) % 2**24
+        content = b"".join((each % 2**24).to_bytes(3, order) for each in (time_us, 0xABCDEF, value, number * 800_000))
+        sealed = content + CHECKSUMS["crc16"].of(content).to_bytes(2, order)
+        frames.append(b"\xa5\x5a" + sealed if form == "struct" else stuffed(sealed))
+    items = played(text, [(1.0 + at / 50, each) for at, each in enumerate(frames)])
+    assert not [item for item in items if isinstance(item, FrameError)]
+    gsr, ppg = (np.concatenate([item.chunk.samples[:, 0] for item in of(items, name)]) for name in ("eda", "ppg"))
+    assert np.rint(gsr * 100).tolist() == values
+    assert ppg.tolist() == [number * 800_000 for number in range(len(values))]
+    times_ns = np.concatenate([item.times_ns for item in of(items, "eda") if item.times_ns is not None])
+    assert np.diff(times_ns).tolist() == [20_000_000] * (len(values) - 1)
+
+
+def stuffed(octets: bytes) -> bytes:
+    """COBS, of fewer than 254 bytes, and the zero behind it."""
+    return b"".join(bytes([len(part) + 1]) + part for part in octets.split(b"\0")) + b"\0"

@@ -155,6 +155,18 @@ def packets_of(stream: bytes, random: np.random.Generator) -> list[Packet]:
     return [each for each in found if isinstance(each, Packet)]
 
 
+@pytest.mark.parametrize("bit", range(32))
+@pytest.mark.parametrize("first", [0, 0x00FF_F000, 0x00AB_CD37])
+def test_a_flipped_bit_of_a_head_costs_its_packet_and_no_time_goes_back(bit, first):
+    """Also a bit that makes whole periods: a time of before is none within a row, so that no clock seems to restart."""
+    octets = [bytearray(packet(number, first)) for number in range(40)]
+    octets[20][bit // 8] ^= 1 << bit % 8
+    found = packets_of(b"".join(octets), np.random.default_rng(bit))
+    numbers = [round((each.ticks - first) % (1 << 24) / PERIOD) for each in found]
+    assert numbers[:20] == list(range(20))
+    assert [number for number in numbers[20:] if number != 20] == list(range(21, 39))
+
+
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), first=st.integers(0, 2**24 - 1))
 @example(seed=1787140354, first=76732).via("a packet cut to its head and one byte, its neighbour at a time that fits")

@@ -200,3 +200,13 @@ def test_a_stall_is_no_other_period(kept, sent_hz, refused):
         return
     with pytest.raises(DeviceLost, match=f"sends {sent_hz:.1f} samples per s, asked were 10"):
         listen(25.0, 60.0)
+
+
+def test_a_list_of_channels_that_is_cut_short_is_asked_for_again():
+    """Fewer than its four bytes say nothing of the belt: another try, and no end of the driver with status 78."""
+    belt = FakeBelt()
+    answers = belt.commands.receive
+    belt.commands.receive = lambda value: [each[:2] if each[0] == 0x51 else each for each in answers(value)]
+    (*_, end) = items_of(belt)
+    assert isinstance(end, DeviceLost), end
+    assert "makes no sense" in str(end)

@@ -1,5 +1,6 @@
 """What a driver's outlet says of the frames that came on it."""
 
+import re
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
@@ -61,6 +62,14 @@ def test_a_host_clock_that_is_set_is_no_delay_of_the_link(host: Host, step_s: fl
     assert max(latencies_s) < 0.1
 
 
+def test_the_newest_frame_says_whether_the_device_stamps_its_samples(host: Host, opened: Outlet) -> None:
+    """Where it does not the times of samples rest on the declared rate."""
+    publish(opened, host, host.wall_ns())
+    assert opened.counts.device_time
+    opened.publish(Samples("eda", Chunk(("eda",), np.zeros((1, 1)), None, WALL_NS)))
+    assert not opened.counts.device_time
+
+
 @pytest.mark.parametrize("value", [np.inf, -np.inf, 1e31])
 def test_a_number_that_no_message_may_hold_costs_no_other_sample(value: float, opened: Outlet) -> None:
     """Everybody refuses a message with one: it goes as NaN, its neighbours as they are, is counted and told of."""
@@ -73,3 +82,22 @@ def test_a_number_that_no_message_may_hold_costs_no_other_sample(value: float, o
     assert [reason for reason in told.reasons if "NaN" in reason]
     opened.publish(Samples("eda", Chunk(("eda",), np.zeros((1, 1)), None, WALL_NS + 1)))
     assert list(health_message("box_1", State.STREAMING, 10.0, Link(), opened.counts).reasons) == []
+
+
+@pytest.mark.parametrize("times_ns", [None, np.empty(0, np.int64)])
+def test_of_a_read_that_brought_no_sample_nothing_is_published(times_ns: np.ndarray | None, opened: Outlet) -> None:
+    """A vendor's SDK returns an empty table now and then: no message, no end of the driver; what it says is lost is."""
+    publish = opened._service.publisher.return_value.publish  # type: ignore[attr-defined]
+    opened.publish(Samples("eda", Chunk(("eda",), np.zeros((0, 1)), None, WALL_NS), times_ns, lost=7))
+    publish.assert_not_called()
+    counts = opened.counts
+    assert (counts.samples_total, counts.lost_samples_total, counts.gaps_total) == (0, 7, 1)
+
+
+@pytest.mark.parametrize("shape", [(3,), (3, 2), (3, 1, 1), ()])
+def test_samples_that_are_no_table_of_the_declared_channels_are_a_mistake_that_says_so(
+    shape: tuple[int, ...], opened: Outlet
+) -> None:
+    """Whoever writes a driver is told which shape came, and what is declared."""
+    with pytest.raises(ValueError, match=rf"eda samples of shape {re.escape(str(shape))}.*\('eda',\)"):
+        opened.publish(Samples("eda", Chunk(("eda",), np.zeros(shape), None, WALL_NS)))

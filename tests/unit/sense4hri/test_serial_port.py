@@ -149,6 +149,8 @@ def test_what_is_wrong_says_what_to_do(tmp_path: Path, monkeypatch: pytest.Monke
         str(tmp_path / "stale"): "nobody listens there",
         f"socket://127.0.0.1:{free.getsockname()[1]}": "nobody listens there",
         "socket://no-such-name.invalid:1": "no computer of that name",
+        "socket://lab..example:1": "no computer of that name",
+        f"socket://{'x' * 64}:1": "no computer of that name",
         "socket://127.0.0.1:99999": "99999|0-65535",
     }
     free.close()

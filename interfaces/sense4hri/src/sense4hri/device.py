@@ -76,7 +76,7 @@ class Stream:
 
 
 class Samples(NamedTuple):
-    """Samples of one stream of the device.
+    """Samples of one stream of the device; of none at all nothing is published.
 
     times_ns: device time of every sample, shape (n,), where the device numbers or stamps each of them; the chunk may
     then have holes inside, and is published in parts that have none.

@@ -10,9 +10,11 @@ from sense4hri_msgs.msg import StreamHealth
 
 from sense4hri import stamps, wire
 from sense4hri.host_clocks import this_host
+from sense4hri.running_rate import RATE_TRUST
 from sense4hri.stream_info import long_s
 
 RATE_WINDOW_S, SILENCE_S = 10.0, 3.0
+SETTLE_S = 30.0  # that a device streams before it is said to send too many samples: what waited comes at once at first
 CLOCK_READINGS = 5
 
 
@@ -53,13 +55,15 @@ class StreamCounts:
 
     nominal_hz: the declared rate, 0 where there is none. loss_known: whether the newest samples tell what is missing;
     False until some have come. time_doubt: why the newest frame has no device time though its device sent one;
-    value_doubt: why it has NaN where its device sent a number. begun_monotonic_s: since when its device streams.
+    value_doubt: why it has NaN where its device sent a number. begun_monotonic_s: since when its device streams;
+    begun_total: samples that had come until then. device_time: whether the device stamps its newest samples.
     """
 
     nominal_hz: float = 0.0
     samples_total: int = 0
     lost_samples_total: int = 0
     loss_known: bool = False
+    device_time: bool = False
     gaps_total: int = 0
     duplicates_total: int = 0
     impossible_times_total: int = 0
@@ -68,6 +72,7 @@ class StreamCounts:
     value_doubt: str = ""
     latency_s: float = math.nan
     begun_monotonic_s: float = -math.inf
+    begun_total: int = 0
     last_monotonic_s: float = -math.inf
     arrivals: deque[tuple[float, int]] = field(default_factory=deque)
 
@@ -84,7 +89,7 @@ class StreamCounts:
 
     def begin(self) -> None:
         """The device streams from now on; this stream of it may be slow."""
-        self.begun_monotonic_s = time.monotonic()
+        self.begun_monotonic_s, self.begun_total = time.monotonic(), self.samples_total
 
     def state(self) -> State:
         """Return the state of a stream whose device streams: lost where it is silent for longer than its rate allows.
@@ -105,6 +110,20 @@ class StreamCounts:
             return math.nan
         span = self.arrivals[-1][0] - self.arrivals[0][0]
         return (sum(n for _, n in self.arrivals) - self.arrivals[0][1]) / span if span > 0 else math.nan
+
+    def rate_doubt(self) -> str:
+        """Return what is wrong where more samples without device time come than are declared; empty where nothing is.
+
+        Fewer show as a low rate; nothing else shows more. Over all the time that the device has been streaming, so that
+        no burst is taken for it.
+        """
+        passed_s = time.monotonic() - self.begun_monotonic_s
+        if self.device_time or self.nominal_hz <= 0 or passed_s < long_s(SETTLE_S, self.nominal_hz):
+            return ""
+        rate_hz = (self.samples_total - self.begun_total) / passed_s
+        if rate_hz <= self.nominal_hz * (1 + RATE_TRUST):
+            return ""
+        return f"{rate_hz:.4g} samples per s come, declared are {self.nominal_hz:g}: their times are wrong"
 
     def _forget(self, now_s: float) -> None:
         """Leave out frames that came before the window of the rate."""
@@ -130,7 +149,7 @@ def health_message(
 ) -> StreamHealth:
     """Return the health of one stream as it is now."""
     now_ns = time.time_ns()
-    why = [] if state is State.STREAMING else [link.reason or NOT_STREAMING[state]]
+    why = [counts.rate_doubt()] if state is State.STREAMING else [link.reason or NOT_STREAMING[state]]
     message = StreamHealth(
         state=int(state),
         host=this_host(),
@@ -151,7 +170,7 @@ def health_message(
             wire.feature("impossible_device_times_total", "1", counts.impossible_times_total),
             wire.feature("impossible_values_total", "1", counts.impossible_values_total),
         ],
-        reasons=[*why, *filter(None, (counts.time_doubt, counts.value_doubt))],
+        reasons=[*filter(None, (*why, counts.time_doubt, counts.value_doubt))],
     )
     message.header.frame_id = sensor_id
     stamps.set_time(message.header.stamp, now_ns)

@@ -81,9 +81,11 @@ class Outlet:
 
         Raises ValueError where the driver sends other channels than it has declared, or numbers irregular samples.
         """
-        if self.stream is None or item.chunk.samples.shape[1] != len(self.stream.channel_names):
+        shape = item.chunk.samples.shape
+        if self.stream is None or len(shape) != 2 or shape[1] != len(self.stream.channel_names):
             declared = self.stream.channel_names if self.stream else "no raw stream"
-            raise ValueError(f"{self._sensor_type} samples of channels {item.chunk.channels}; declared: {declared}")
+            came = f"{self._sensor_type} samples of shape {shape}, channels {item.chunk.channels}"
+            raise ValueError(f"{came}; declared: {declared}")
         self.counts.time_doubt = self.counts.value_doubt = ""
         gaps: list[int] = []
         for chunk in self._parts(item):
@@ -95,6 +97,9 @@ class Outlet:
         self._count_missing(gaps, item.lost or 0, item.chunk.received_ns)
 
     def _parts(self, item: Samples) -> list[Chunk]:
+        """Return what is to be published: nothing of a read that brought no sample."""
+        if not item.chunk.samples.size:
+            return []
         if item.times_ns is None:
             return [item.chunk]
         if self._holes is None:
@@ -157,7 +162,8 @@ class Outlet:
         lost: by the device's own count, None where it has none.
         """
         timed = self._clock.place(chunk)
-        self.counts.loss_known = lost is not None or (chunk.device_ns is not None and self.nominal_hz > 0)
+        self.counts.device_time = chunk.device_ns is not None
+        self.counts.loss_known = lost is not None or (self.counts.device_time and self.nominal_hz > 0)
         self.counts.arrived(len(chunk.samples))
         if timed.break_ is Break.DUPLICATE:
             self.counts.duplicates_total += 1

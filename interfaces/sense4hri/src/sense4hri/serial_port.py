@@ -270,6 +270,8 @@ def _explained(address: str) -> Iterator[None]:
         raise DeviceLost(f"{address}: no answer: is it switched on and near?") from err
     except socket.gaierror as err:
         raise DeviceLost(f"{address}: no computer of that name is known ({err.strerror})") from err
+    except UnicodeError as err:  # a part of the name is empty or longer than 63 characters
+        raise DeviceLost(f"{address}: no computer of that name can be ({err})") from err
     except FileNotFoundError as err:
         raise DeviceLost(f"{address}: no such port; {_there()}") from err
     except OverflowError as err:

@@ -4,6 +4,7 @@ Facts from pupil-labs-realtime-api 1.9 (its source, MIT) and docs.pupil-labs.com
 """
 
 import json
+import re
 import struct
 from typing import Any, NamedTuple
 
@@ -17,6 +18,7 @@ LEFT_SIZE, RIGHT_SIZE = 3, 10  # places of the pupils' diameters in a datagram w
 LEFT_LID, RIGHT_LID = 19, 22  # places of the lids' apertures in one with eyelids, each behind two angles
 SACCADE, FIXATION, SACCADE_ONSET, FIXATION_ONSET, BLINK, KEEP_ALIVE = range(6)
 EVENTS = {SACCADE: "saccade", FIXATION: "fixation", BLINK: "blink"}
+HOST = re.compile(r"[A-Za-z0-9_:%-]{1,63}(\.[A-Za-z0-9_:%-]{1,63})*")
 
 
 class Look(NamedTuple):
@@ -104,11 +106,12 @@ def decode_status(body: bytes) -> Status:
         phone = next(data for model, data in parts if model == "Phone")
         hardware: dict[str, Any] = next((data for model, data in parts if model == "Hardware"), {})
         sensors = {data["sensor"]: _sensor(data) for model, data in parts if model == "Sensor" and _is_direct(data)}
-        serial = hardware.get("module_serial") or hardware.get("glasses_serial") or ""
+        serial = _text(hardware.get("module_serial") or hardware.get("glasses_serial") or "")
         battery, echo_port = phone.get("battery_level"), phone.get("time_echo_port")
         percent = float(battery) if isinstance(battery, int | float) else None
-        return Status(percent, str(phone.get("device_name", "")), str(serial), int(echo_port or 0) or None, sensors)
-    except (ValueError, KeyError, TypeError, AttributeError, StopIteration) as err:
+        name = _text(phone.get("device_name", ""))
+        return Status(percent, name, serial, _port(echo_port) if echo_port else None, sensors)
+    except (ValueError, KeyError, TypeError, AttributeError, StopIteration, OverflowError, RecursionError) as err:
         raise FrameError(f"no status of a Companion app: {body[:80]!r}") from err
 
 
@@ -117,7 +120,21 @@ def _is_direct(data: dict[str, Any]) -> bool:
 
 
 def _sensor(data: dict[str, Any]) -> Sensor:
-    return Sensor(str(data["sensor"]), str(data["ip"]), int(data["port"]), f"/?{data.get('params', '')}")
+    host, path = str(data["ip"]), f"/?{data.get('params', '')}"
+    if not HOST.fullmatch(host) or not (path.isascii() and path.isprintable()):
+        raise ValueError(f"nobody can be reached at {host!r}, {path!r}")
+    return Sensor(str(data["sensor"]), host, _port(data["port"]), path)
+
+
+def _port(said: Any) -> int:
+    if not 0 < int(said) < 1 << 16:
+        raise ValueError(f"port {said}")
+    return int(said)
+
+
+def _text(said: Any) -> str:
+    """Return a text; half of a surrogate pair, which JSON may hold and nobody can pass on, raises ValueError."""
+    return str(said).encode().decode()
 
 
 def seconds_ns(whole: int, fraction: int) -> int:

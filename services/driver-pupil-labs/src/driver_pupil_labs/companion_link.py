@@ -44,7 +44,7 @@ def link_errors(where: str) -> Iterator[None]:
         yield
     except TimeoutError as err:
         raise DeviceLost(f"{where} does not answer: another address, another network, or the app is not open") from err
-    except (OSError, aiohttp.ClientError, asyncio.IncompleteReadError) as err:
+    except (OSError, UnicodeError, aiohttp.ClientError, asyncio.IncompleteReadError) as err:  # UnicodeError: no name
         raise DeviceLost(f"{where}: {str(err) or type(err).__name__}") from err
     except FrameError as err:
         raise DeviceLost(f"{where}: {err}") from err

@@ -136,7 +136,7 @@ def _annotation(content: Mapping[str, Any]) -> Note | None:
 
 def _notice(content: Mapping[str, Any]) -> Note | None:
     """Annotations of Capture before 1.9 are notices, and so are recordings."""
-    subject = content.get("subject")
+    subject = str(content.get("subject", ""))
     if subject == "annotation":
         return _annotation(content)
     if subject not in RECORDINGS:

@@ -12,7 +12,8 @@ from driver_pupil_labs.companion import seconds_ns
 DOLLAR, VERSION = 0x24, 2
 SENDER_REPORT = 200
 LONGEST_HEAD = 8192
-CLOCK = re.compile(rb"^a=rtpmap:\d+ [^/\r\n]+/(\d+)", re.M)
+CLOCK = re.compile(rb"^a=rtpmap:\d+ [^/\r\n]+/(\d{1,9})(?!\d)", re.M)
+NUMBER = re.compile(r"[0-9]{1,5}")  # of a status, of bytes of a body
 
 
 class Answer(NamedTuple):
@@ -69,11 +70,11 @@ def _answer(buffer: bytearray, end: int) -> tuple[Answer, int]:
     """Return the answer whose head is whole, and where it ends."""
     first, *lines = bytes(buffer[: end - 4]).decode("latin-1").split("\r\n")
     headers = {name.strip().lower(): value.strip() for name, _, value in (line.partition(":") for line in lines)}
-    length, status = headers.get("content-length", "0"), first.split()[1:2]
-    if not length.isdigit() or not (status and status[0].isdigit()):
-        raise FrameError(f"an RTSP answer begins {first[:60]!r}")
+    length, status = headers.get("content-length", "0"), "".join(first.split()[1:2])
+    if not (NUMBER.fullmatch(length) and NUMBER.fullmatch(status)):
+        raise FrameError(f"an RTSP answer begins {first[:60]!r}, with a body of {length[:20]!r} bytes")
     whole = end + int(length)
-    return Answer(int(status[0]), headers, bytes(buffer[end:whole])), whole
+    return Answer(int(status), headers, bytes(buffer[end:whole])), whole
 
 
 def clock_hz(description: bytes) -> int:

@@ -3,6 +3,7 @@
 One thread reads both, so that a datum is stamped as it comes, also while the clock is being asked.
 """
 
+import re
 import time
 from collections import deque
 from collections.abc import Iterator
@@ -25,6 +26,7 @@ LARGEST = 1 << 20  # bytes of a message
 MOST_AT_ONCE = 100  # messages before the clock's answer is looked for again
 ONLY_MODELS = frozenset(TOPICS) - {"pupil."} | frozenset(MODELLED)
 CLOCK = (b"t",)
+PORT = re.compile(r"[0-9]{1,5}")
 METHOD = "best of 12 requests of Pupil time"
 
 
@@ -117,7 +119,7 @@ class CaptureLink:
 
     def _answered(self, answered_ns: int) -> list[Message]:
         """Take an answer; return what it tells."""
-        answer = self._asking.recv().decode("utf-8", "replace")
+        answer = b" ".join(self._asking.recv_multipart()).decode("utf-8", "replace")
         asked, self._asked = self._asked, ()
         if asked == (b"SUB_PORT",):
             self._listen(answer)
@@ -128,7 +130,7 @@ class CaptureLink:
         return []
 
     def _listen(self, port: str) -> None:
-        if not (port.isdigit() and 0 < int(port) < 1 << 16):
+        if not (PORT.fullmatch(port) and 0 < int(port) < 1 << 16):
             raise DeviceLost(f"{self._where} says {port[:60]!r} when asked for its port: no Pupil Capture or Service")
         self._connect(self._hearing, int(port))
 

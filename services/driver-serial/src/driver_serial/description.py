@@ -17,6 +17,7 @@ from sense4hri.shapes import read
 from driver_serial.checksums import CHECKSUMS
 
 TYPES = {"u8": "B", "i8": "b", "u16": "H", "i16": "h", "u32": "I", "i32": "i", "u64": "Q", "f32": "f", "f64": "d"}
+TYPES |= dict.fromkeys(("u24", "i24"), "3s")  # `struct` knows no numbers of three bytes: their octets
 ONE_BYTE_EACH = "latin-1"  # of what is written to a board: U+0000 to U+00FF are the bytes 00 to ff
 TICKS_HZ = {"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}
 TEXT, BINARY = ("csv", "pairs", "json"), ("struct", "cobs")
@@ -102,6 +103,12 @@ class Description:
     def names(self) -> tuple[str, ...]:
         """Names of the fields in order."""
         return tuple(entry.split()[0] for entry in self.fields)
+
+    @property
+    def of_three_bytes(self) -> dict[str, bool]:
+        """Fields of 24 bits, and whether they have a sign."""
+        entries = [entry.split() for entry in self.fields] if self.format in BINARY else []
+        return {name: kind[0] == "i" for name, kind in entries if kind in ("u24", "i24") and name != "_"}
 
     @property
     def wanted(self) -> set[str]:

@@ -3,6 +3,7 @@
 import json
 import struct
 from collections.abc import Iterator, Mapping
+from typing import Literal
 
 from sense4hri.errors import FrameError
 
@@ -21,6 +22,8 @@ class Frames:
         self._described, self._wanted = described, described.wanted
         self._checksum = CHECKSUMS[described.checksum]
         self._layout = struct.Struct(described.layout) if described.format in ("struct", "cobs") else None
+        self._order: Literal["little", "big"] = "little" if described.byte_order == "little" else "big"
+        self._of_three_bytes = described.of_three_bytes
         self._joined = False  # a driver that connects in the middle of a frame has seen its end
         rest_may_fit = described.format in ("csv", "pairs") and not self._checksum.size  # `512` cut to `12`
         self._believes_first = not rest_may_fit or (bool(described.start) and not running)
@@ -111,10 +114,12 @@ class Frames:
         if len(octets) != layout.size + size:
             return FrameError(f"frame of {len(octets)} bytes, not {layout.size + size} ({_shown(octets)})")
         content = octets[: layout.size]
-        little = self._described.byte_order == "little"
-        if int.from_bytes(octets[layout.size :], "little" if little else "big") != self._checksum.of(content):
+        if int.from_bytes(octets[layout.size :], self._order) != self._checksum.of(content):
             return FrameError(f"wrong checksum ({_shown(octets)})")
-        return dict(zip(self._described.names, layout.unpack(content), strict=True))
+        fields = dict(zip(self._described.names, layout.unpack(content), strict=True))
+        for name, signed in self._of_three_bytes.items():
+            fields[name] = int.from_bytes(fields[name], self._order, signed=signed)
+        return fields
 
 
 def unstuffed(content: bytes) -> bytes:

@@ -3,11 +3,12 @@
 A packet is `00`, a time of 24 bits, and channels; it has neither length nor checksum. So a packet is believed only
 where others follow it directly, at times that are whole numbers of sampling periods later: two of them, and within an
 unbroken row the next, one period later, is enough, or the one after it, two periods later, so that a damaged neighbour
-costs no good packet. What lies between is noise: bytes that the serial link lost leave a hole of whole packets, which
-the device's clock counts. So whatever is cut out or put in, each packet was sent, at its time, once and in order (but
-for a foreign head whose time fits by chance, at less than one damaged place in ten million), and one that arrived whole
-is unchanged. Nobody sees a flipped bit in a sample, nor exactly as many foreign bytes in the place of lost ones: of
-that packet the time and what came of it are right, the rest is theirs.
+costs no good packet. In such a row no time goes back, whatever bit of it was flipped. What lies between is noise: bytes
+that the serial link lost leave a hole of whole packets, which the device's clock counts. So whatever is cut out or put
+in, each packet was sent, at its time, once and in order (but for a foreign head whose time fits by chance, at less than
+one damaged place in ten million), and one that arrived whole is unchanged. Nobody sees a flipped bit in a sample, nor
+exactly as many foreign bytes in the place of lost ones: of that packet the time and what came of it are right, the rest
+is theirs.
 """
 
 from collections import deque
@@ -50,7 +51,7 @@ class Packets:
         self._buffer = bytearray()
         self._taken, self._fed = 0, 0  # bytes, since the beginning
         self._arrived: deque[tuple[int, int]] = deque()  # bytes until then, and when
-        self._in_row = False
+        self._in_row, self._last_ticks = False, 0
         self._noise = bytearray()
 
     def missing(self, packets: int) -> int:
@@ -85,7 +86,8 @@ class Packets:
     def _item(self, at: int, size: int) -> Packet | Answer:
         octets, received_ns = bytes(self._buffer[at : at + size]), self._when(at + size)
         if octets[0] == 0:
-            return Packet(received_ns, int.from_bytes(octets[1:HEAD], "little"), octets)
+            self._last_ticks = self._ticks(at)
+            return Packet(received_ns, self._last_ticks, octets)
         said = octets[octets.index(IN_STREAM) + 1 :]
         return Answer(received_ns, said[0], said[1:])
 
@@ -109,7 +111,7 @@ class Packets:
         second = self._after(after)
         if second is None:
             return None
-        vouched = self._follows(at, after, LATER) and self._follows(after, second, LATER)
+        vouched = self._follows(at, after, LATER) and self._follows(after, second, LATER) and not self._goes_back(at)
         return self._length if vouched or (self._in_row and self._follows(at, second, NEXT_BUT_ONE)) else 0
 
     def _after(self, at: int) -> int | None:
@@ -140,6 +142,11 @@ class Packets:
         step = (self._ticks(after) - self._ticks(at)) % (1 << CLOCK_BITS)
         periods = round(step / self._period)
         return periods in allowed and abs(step - periods * self._period) <= max(LEAST_SLACK, SLACK * self._period)
+
+    def _goes_back(self, at: int) -> bool:
+        """True where the packet would be from before the one that it follows without a byte between."""
+        step = (self._ticks(at) - self._last_ticks) % (1 << CLOCK_BITS)
+        return self._in_row and not self._period // 2 < step < 1 << (CLOCK_BITS - 1)
 
     def _ticks(self, at: int) -> int:
         return int.from_bytes(self._buffer[at + 1 : at + HEAD], "little")

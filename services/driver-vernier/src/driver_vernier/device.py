@@ -75,7 +75,7 @@ class Device:
         await belt.ask(protocol.INIT)
         status = protocol.decode_status(await belt.ask(protocol.STATUS))
         model, serial_number = protocol.decode_info(await belt.ask(protocol.DEVICE_INFO))
-        available = int.from_bytes((await belt.ask(protocol.AVAILABLE))[:4], "little")
+        available = protocol.decode_available(await belt.ask(protocol.AVAILABLE))
         if not available >> FORCE & 1:
             raise ConfigError(f"name or address: {name} ({model}) has no channel {FORCE}, so it is no respiration belt")
         force = protocol.decode_channel(await belt.ask(protocol.SENSOR_INFO + bytes([FORCE])))

@@ -172,6 +172,13 @@ def decode_info(content: bytes) -> tuple[str, str]:
     return _text(content[:16]), _text(content[16:32])
 
 
+def decode_available(content: bytes) -> int:
+    """Return the mask of the channels that there are. Raises FrameError."""
+    if len(content) < 4:
+        raise FrameError(f"list of channels of {len(content)} bytes ({content.hex()})")
+    return int.from_bytes(content[:4], "little")
+
+
 def decode_channel(content: bytes) -> Channel:
     """Return unit and fastest period of a channel from its information. Raises FrameError."""
     if len(content) < 128:
