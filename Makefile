@@ -13,6 +13,7 @@ NAME ?=
 TLS ?=
 HOST ?=
 RUN := .venv/bin/python
+SOURCES := $(wildcard interfaces/*/src services/*/src)
 # one word of the shell, whatever is in it
 quoted = '$(subst ','\'',$(1))'
 COMPOSE := compose/docker.sh compose -f $(call quoted,$(if $(filter %.yaml %.yml,$(STUDY)),$(STUDY),compose/studies/$(STUDY).yaml))
@@ -50,8 +51,8 @@ test: env ## every test this machine can run; says what it leaves out; SLOW=1: a
 lint: env ## ruff and mypy
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
-	.venv/bin/mypy $(wildcard interfaces/*/src services/*/src)
-	.venv/bin/mypy --config-file tests/bench/mypy.ini tests/bench/*.py
+	.venv/bin/mypy $(SOURCES)
+	MYPYPATH="$$(echo $(SOURCES) | tr ' ' :)" .venv/bin/mypy --config-file tests/bench/mypy.ini tests/bench
 
 generate: env ## what is written from something else: default.yaml and the README's table of every service, docs/devices.md, k8s/demo and k8s/polar
 	@$(RUN) interfaces/template/generate.py

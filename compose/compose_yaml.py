@@ -93,8 +93,15 @@ def _untagged(value: Any, keys: Keys, tagged: set[Keys]) -> Any:
 
 
 def load(file: Path, environment: Mapping[str, str]) -> dict[str, Any]:
-    """Return the content of a compose file with its variables filled in."""
-    text = text_of(str(file), file)
+    """Return the content of a compose file with its variables filled in; it is to be read only.
+
+    A study reads the file that its services extend once for each of them.
+    """
+    return _content(file, text_of(str(file), file), tuple(environment.items()))
+
+
+@functools.lru_cache(maxsize=8)
+def _content(file: Path, text: str, environment: tuple[tuple[str, str], ...]) -> dict[str, Any]:
     try:
         content, _ = _parsed(text)
     except yaml.reader.ReaderError as error:
@@ -115,7 +122,8 @@ def load(file: Path, environment: Mapping[str, str]) -> dict[str, Any]:
     _check_top(file, content)
     if "include" in content:
         raise StudyError(f"{file}: include: is not read outside of containers; name each service, with `extends`")
-    return {key: _filled(f"{file}: {key}", entry, environment) for key, entry in content.items()}
+    variables = dict(environment)
+    return {key: _filled(f"{file}: {key}", entry, variables) for key, entry in content.items()}
 
 
 def text_of(where: str, file: Path) -> str:

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import compose_yaml
 import pytest
 import study_file
 import yaml
@@ -480,3 +481,13 @@ def test_a_name_too_long_for_a_file_is_that_of_no_study():
     """A paragraph pasted by mistake is told as any other name."""
     with pytest.raises(StudyError, match="there is no study file"):
         study_file.find("a" * 300)
+
+
+def test_a_file_that_is_read_again_is_as_it_stands_now(tmp_path):
+    """Neither another environment nor another content is answered with what was read before."""
+    file = tmp_path / "study.yaml"
+    file.write_text("services: {a: {image: '${NAME}'}}")
+    images = [compose_yaml.service(file, "a", {"NAME": name})["image"] for name in ("one", "two")]
+    file.write_text("services: {a: {image: 'no ${NAME}'}}")
+    images.append(compose_yaml.service(file, "a", {"NAME": "two"})["image"])
+    assert images == ["one", "two", "no two"]

@@ -30,21 +30,7 @@ def stream_entry(found: Findings, stream: StreamFindings, window: Window, requir
     if raw is None or not raw.messages:
         entry |= _without_raw(found, stream, raw, required, judgement)
     else:
-        own = found.wearers.window_of(name, window)
-        judged, end = with_tail(found, stream, raw, own or window)
-        unseen = driver_losses(raw, stream.health)
-        entry |= _samples(raw, window, judged) | {"lost_samples_counted": sum(loss.samples for loss in unseen)}
-        entry |= {"gaps": gaps(found, stream, window, judged, transport)}
-        entry["worn"] = None if own is window else _worn(own, window)
-        if own is None and not required:
-            judgement.remark("somebody else wore it all through the session: not judged")
-        else:
-            since = "the session's start" if judged.from_ns == window.from_ns else "it changed hands"
-            end = end if judged.to_ns >= window.to_ns else "it changed hands"
-            judge_samples(raw, unseen, entry, judged, found.outages, judgement)
-            judge_edges(raw, entry, judged, since, end, judgement)
-            judge_raw(raw, judged, judgement)
-        _judge_wearer(found, name, window, own, judgement)
+        _judge_recorded(found, stream, raw, window, transport, entry, judgement)
     judge_transport(transport, window, raw.first_ns if raw is not None and raw.messages else None, judgement)
     if name.fault:
         judgement.gaps(f"its name breaks the contract ({name.fault}): no service followed it")
@@ -61,6 +47,33 @@ def stream_entry(found: Findings, stream: StreamFindings, window: Window, requir
         "sensor": sensor_facts(stream.sensor),
     }
     return _judged(entry, judgement), judgement
+
+
+def _judge_recorded(
+    found: Findings,
+    stream: StreamFindings,
+    raw: RawFindings,
+    window: Window,
+    transport: Json,
+    entry: Json,
+    judgement: Judgement,
+) -> None:
+    """What came of a stream while its person wore it; its samples, gaps and wearer are added to the entry."""
+    own = found.wearers.window_of(stream.name, window)
+    judged, end = with_tail(found, stream, raw, own or window)
+    unseen = driver_losses(raw, stream.health)
+    entry |= _samples(raw, window, judged) | {"lost_samples_counted": sum(loss.samples for loss in unseen)}
+    entry |= {"gaps": gaps(found, stream, window, judged, transport)}
+    entry["worn"] = None if own is window else _worn(own, window)
+    if own is None and not entry["required"]:
+        judgement.remark("somebody else wore it all through the session: not judged")
+    else:
+        since = "the session's start" if judged.from_ns == window.from_ns else "it changed hands"
+        end = end if judged.to_ns >= window.to_ns else "it changed hands"
+        judge_samples(raw, unseen, entry, judged, found.outages, judgement)
+        judge_edges(raw, entry, judged, since, end, judgement)
+        judge_raw(raw, judged, judgement)
+    _judge_wearer(found, stream.name, window, own, judgement)
 
 
 def topic_entry(found: Findings, topic: str, window: Window, required: str) -> tuple[Json, Judgement]:

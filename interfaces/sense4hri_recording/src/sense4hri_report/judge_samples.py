@@ -74,6 +74,15 @@ def judge_edges(raw: RawFindings, entry: Json, window: Window, since: str, end: 
 
 def judge_raw(raw: RawFindings, window: Window, judgement: Judgement) -> None:
     happened = Counter(event.kind for event in raw.events if window.has(event.at_ns))
+    _judge_order(happened, judgement)
+    _judge_messages(raw, happened, judgement)
+    _judge_channels(raw, happened, judgement)
+    _remark_on_times(raw, window, judgement)
+    _remark_on_rate(raw, judgement)
+
+
+def _judge_order(happened: Counter[str], judgement: Judgement) -> None:
+    """What the device did to its clock, and in which order its messages came."""
     if happened["reboot"]:
         judgement.gaps(f"the device restarted {counted(happened['reboot'], 'time')}")
     if happened["clock_reset"]:
@@ -84,6 +93,10 @@ def judge_raw(raw: RawFindings, window: Window, judgement: Judgement) -> None:
         judgement.gaps(f"stamps went back {counted(happened['backwards'], 'time')}")
     if happened["conflict"]:
         judgement.gaps(f"{counted(happened['conflict'], 'message')} with other samples under a stamp that came before")
+
+
+def _judge_messages(raw: RawFindings, happened: Counter[str], judgement: Judgement) -> None:
+    """Messages that cannot be used, or not wholly."""
     if raw.mixed:
         judgement.gaps(f"{counted(raw.mixed, 'message')} {'without' if raw.has_device_time else 'with'} device time, "
                        "unlike the others; not counted")  # fmt: skip
@@ -95,6 +108,9 @@ def judge_raw(raw: RawFindings, window: Window, judgement: Judgement) -> None:
         judgement.gaps(f"{counted(raw.undecodable, 'message')} cannot be decoded")
     if happened["duplicate"]:
         judgement.remark(f"{counted(happened['duplicate'], 'message')} came again and were left out")
+
+
+def _judge_channels(raw: RawFindings, happened: Counter[str], judgement: Judgement) -> None:
     if happened["channels"]:
         partly = [name for name, always in raw.channels.items() if not always]
         changed = f"its channels changed {counted(happened['channels'], 'time')}"
@@ -102,6 +118,9 @@ def judge_raw(raw: RawFindings, window: Window, judgement: Judgement) -> None:
             judgement.gaps(f"{changed}: {', '.join(partly)} came for a part of the time")
         else:
             judgement.remark(f"{changed}, in their order")
+
+
+def _remark_on_times(raw: RawFindings, window: Window, judgement: Judgement) -> None:
     if raw.untimed:
         judgement.remark(f"{counted(raw.untimed, 'message')} without device time: taken to follow those before")
     if raw.receipts.odd:
@@ -110,6 +129,9 @@ def judge_raw(raw: RawFindings, window: Window, judgement: Judgement) -> None:
     before = sum(window.share(hole.from_ns, hole.to_ns) <= 0 for hole in raw.holes)
     if before:
         judgement.remark(f"{counted(before, 'gap')} outside of the session")
+
+
+def _remark_on_rate(raw: RawFindings, judgement: Judgement) -> None:
     if raw.declared_hz and raw.measured_hz and abs(raw.measured_hz / raw.declared_hz - 1) > rules.OFF_RATE:
         judgement.remark(f"declared as {raw.declared_hz:g} Hz, measured {raw.measured_hz:.2f} Hz")
     if raw.declared_hz is None:

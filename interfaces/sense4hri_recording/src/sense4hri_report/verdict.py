@@ -27,23 +27,46 @@ def judge_all(
     steps: list[Any],
 ) -> Judgement:
     """Judge the whole recording. judged: its streams; place: of the folder among those of its session."""
-    judgement, notes = Judgement(), found.notes
-    usable = [entry for entry, _ in judged if entry["verdict"] != BROKEN]
-    if not usable:
+    judgement = Judgement()
+    _judge_streams(judged, judgement)
+    _judge_others(found, window, {entry["topic"] for entry, _ in judged}, judgement)
+    _judge_recorder(found, judgement)
+    _judge_outages(found, window, judgement)
+    _judge_clocks(found, window, steps, judgement)
+    if session is None:
+        judgement.remark(
+            "this is no session: what was recorded outside of one, judged from its first to its last message"
+        )
+    else:
+        _judge_session(session, window, place, judgement)
+    trouble = [found.notes.trouble] if found.notes.trouble else []
+    for remark in [*trouble, *found.source.remarks, *_unmeasured(found), *not_recorded(found.notes.refused)]:
+        judgement.remark(remark)
+    return judgement
+
+
+def _judge_streams(judged: list[tuple[Json, Judgement]], judgement: Judgement) -> None:
+    if all(entry["verdict"] == BROKEN for entry, _ in judged):
         judgement.broken("no stream can be used" if judged else "there is no stream in it")
     for entry, own in judged:
         if entry["verdict"] == BROKEN and entry["required"]:
             judgement.broken(f"{entry['stream']}: {own.why}")
         elif entry["verdict"] != COMPLETE:
             judgement.gaps(f"{entry['stream']}: {own.why}")
-    _judge_others(found, window, {entry["topic"] for entry, _ in judged}, judgement)
-    if notes.state == "interrupted":
-        judgement.gaps("the recording was interrupted" + (f": {notes.why}" if notes.why else ""))
-    elif notes.state == "recording":
+
+
+def _judge_recorder(found: Findings, judgement: Judgement) -> None:
+    """Whether the recorder came to its end, and what of its files cannot be read."""
+    if found.notes.state == "interrupted":
+        judgement.gaps("the recording was interrupted" + (f": {found.notes.why}" if found.notes.why else ""))
+    elif found.notes.state == "recording":
         judgement.gaps("the recorder has not closed it: it is being recorded, or was cut off and is not repaired yet")
     for trouble in found.source.trouble:
         judgement.gaps(trouble)
-    _judge_outages(found, window, judgement)
+
+
+def _judge_clocks(found: Findings, window: Window, steps: list[Any], judgement: Judgement) -> None:
+    """Parts that begin before the one before has ended, and clocks of hosts that were set in the window."""
     for pause in pauses(found.source.parts):
         if pause.seconds < 0:
             judgement.gaps(pause.sentence)
@@ -54,21 +77,6 @@ def judge_all(
             doubt = "within seconds of it its times are less certain" if measured else apart
             set_by = f"the clock of {step.host} was set by {step.step_ns * 1e-9:+.3f} s"
             judgement.gaps(f"{set_by}, {at(step.after_ns, window)}: {doubt}")
-    if session is None:
-        judgement.remark(
-            "this is no session: what was recorded outside of one, judged from its first to its last message"
-        )
-    else:
-        _judge_session(session, window, place, judgement)
-    if notes.trouble:
-        judgement.remark(notes.trouble)
-    for remark in found.source.remarks:
-        judgement.remark(remark)
-    for remark in _unmeasured(found):
-        judgement.remark(remark)
-    for remark in not_recorded(notes.refused):
-        judgement.remark(remark)
-    return judgement
 
 
 def _unmeasured(found: Findings) -> list[str]:

@@ -14,11 +14,13 @@ from sense4hri_recording.errors import SessionError
 from tqdm import tqdm
 
 from sense4hri_session import bids, edf, flat, xdf
+from sense4hri_session.clock_fit import Segment
 from sense4hri_session.codebook import Exported, codebook
 from sense4hri_session.constant_rate import session_start_ns, why_no_grid
 from sense4hri_session.file_names import Names
 from sense4hri_session.plain_text import cell
 from sense4hri_session.session import Session
+from sense4hri_session.stream import Stream
 
 FORMATS = ("parquet", "csv", "edf", "xdf", "bids")
 SECOND_NS = 1_000_000_000
@@ -88,34 +90,16 @@ def mark(folder: Path, parts: list[dict[str, object]]) -> None:
 def _write_formats(
     session: Session, folder: Path, formats: tuple[str, ...], flat_formats: list[str], bar: tqdm[NoReturn]
 ) -> tuple[list[str], list[Exported]]:
-    exported: list[Exported] = []
-    names = Names()
-    notes = list(session.notes)
+    names, notes = Names(), list(session.notes)
     streams = list(session.streams.values())
-    for kind in flat_formats:
-        (folder / kind).mkdir()
-    for stream in streams if flat_formats else []:
-        name = names.of(stream.key)
-        for written in flat.write_samples(session, stream, *_paths(folder, name, flat_formats)):
-            bar.update(written)
-        columns = ["time_s", "time_ns", *stream.columns.values(), "device_time_ns", "received_ns", "segment"]
-        exported.append(Exported(name, columns, [stream.name.topic("raw")], stream))
-    for table in _tables(session, notes) if flat_formats else []:
-        if len(table.frame):
-            name = names.of(table.name)
-            columns = flat.write_table(session, table.frame, *_paths(folder, name, flat_formats))
-            exported.append(Exported(name, columns, table.topics))
+    exported = list(_write_flat(session, folder, flat_formats, names, notes, bar)) if flat_formats else []
     regular = [stream for stream in streams if not why_no_grid(session, stream)]
     if {"edf", "bids"} & set(formats):
         why = {stream.key: why_no_grid(session, stream) for stream in streams if stream not in regular}
         notes += [f"{key} {words}: it is not in EDF and BIDS" for key, words in why.items()]
         notes += [] if edf.is_there() else [edf.LACKING]
     if "edf" in formats:
-        (folder / "edf").mkdir()
-        start_ns = session_start_ns(session)
-        for stream in regular if _is_a_date(start_ns, notes) else []:
-            notes += edf.write(session, stream, start_ns, folder / "edf" / names.of(stream.key))
-            bar.update(stream.seen.samples)
+        _write_edf(session, folder / "edf", regular, names, notes, bar)
     samples = sum(stream.seen.samples for stream in streams)
     if "xdf" in formats:
         xdf.write(session, folder / "session.xdf")
@@ -124,6 +108,35 @@ def _write_formats(
         notes += bids.write(session, regular, folder / "bids")
         bar.update(samples)
     return notes, exported
+
+
+def _write_flat(
+    session: Session, folder: Path, formats: list[str], names: Names, notes: list[str], bar: tqdm[NoReturn]
+) -> Iterator[Exported]:
+    """Write samples and tables as Parquet and CSV; yield each once it is written."""
+    for kind in formats:
+        (folder / kind).mkdir()
+    for stream in session.streams.values():
+        name = names.of(stream.key)
+        for written in flat.write_samples(session, stream, *_paths(folder, name, formats)):
+            bar.update(written)
+        columns = ["time_s", "time_ns", *stream.columns.values(), "device_time_ns", "received_ns", "segment"]
+        yield Exported(name, columns, [stream.name.topic("raw")], stream)
+    for table in _tables(session, notes):
+        if len(table.frame):
+            name = names.of(table.name)
+            columns = flat.write_table(session, table.frame, *_paths(folder, name, formats))
+            yield Exported(name, columns, table.topics)
+
+
+def _write_edf(
+    session: Session, folder: Path, streams: list[Stream], names: Names, notes: list[str], bar: tqdm[NoReturn]
+) -> None:
+    folder.mkdir()
+    start_ns = session_start_ns(session)
+    for stream in streams if _is_a_date(start_ns, notes) else []:
+        notes += edf.write(session, stream, start_ns, folder / names.of(stream.key))
+        bar.update(stream.seen.samples)
 
 
 def _tables(session: Session, notes: list[str]) -> Iterator[flat.Table]:
@@ -160,34 +173,36 @@ def summary(session: Session, notes: list[str], exported: list[Exported], placed
             topic.name: {"type": topic.type_name, "messages": topic.messages, "exported": topic.name in tables}
             for topic in session.reader.topics.values()
         },
-        "streams": {
-            key: {
-                "channels": list(stream.channels),
-                "unit": stream.unit,
-                "sampling_frequency_hz": stream.sampling_frequency_hz,
-                "measured_rate_hz": stream.measured_rate_hz or None,
-                "samples": placed[key],
-                "undecodable_messages": stream.seen.undecodable,
-                "channel_sets": len(stream.seen.channel_sets),
-            }
-            for key, stream in session.streams.items()
-        },
+        "streams": {key: _stream_summary(stream, placed[key]) for key, stream in session.streams.items()},
         "clocks": {
-            sensor_id: [
-                {
-                    "segment": number,
-                    "method": "two-way" if segment.measured else "lower envelope",
-                    "device_ns": segment.device_ns,
-                    "offset_ns": segment.ros_ns_at_start() - segment.device_ns,
-                    "skew_ppm": segment.skew_ppm(),
-                    "knots_s": segment.knots_s.tolist(),
-                    "offset_s": segment.offset_s.tolist(),
-                    "subtracted_s": segment.excess_s,
-                }
-                for number, segment in enumerate(fit.segments, 1)
-            ]
+            sensor_id: [_segment_summary(number, segment) for number, segment in enumerate(fit.segments, 1)]
             for sensor_id, fit in session.clocks.items()
         },
+    }
+
+
+def _stream_summary(stream: Stream, samples: int) -> dict[str, object]:
+    return {
+        "channels": list(stream.channels),
+        "unit": stream.unit,
+        "sampling_frequency_hz": stream.sampling_frequency_hz,
+        "measured_rate_hz": stream.measured_rate_hz or None,
+        "samples": samples,
+        "undecodable_messages": stream.seen.undecodable,
+        "channel_sets": len(stream.seen.channel_sets),
+    }
+
+
+def _segment_summary(number: int, segment: Segment) -> dict[str, object]:
+    return {
+        "segment": number,
+        "method": "two-way" if segment.measured else "lower envelope",
+        "device_ns": segment.device_ns,
+        "offset_ns": segment.ros_ns_at_start() - segment.device_ns,
+        "skew_ppm": segment.skew_ppm(),
+        "knots_s": segment.knots_s.tolist(),
+        "offset_s": segment.offset_s.tolist(),
+        "subtracted_s": segment.excess_s,
     }
 
 

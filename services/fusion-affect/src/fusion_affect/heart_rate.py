@@ -45,25 +45,41 @@ def combine(readings: Iterable[Reading], source: str, limits: Limits) -> HeartRa
     Of a sensor that has both, `auto` takes the computed rate and, where that cannot be used, the sensor's own. The
     quality is that of the worst signal used.
     """
+    candidates = _by_sensor(readings, source)
+    if not candidates:
+        wanted = "ecg or ppg heart rate" if source == "auto" else f"ecg or ppg heart rate from {source}"
+        return HeartRate(NAN, NAN, (f"there is no {wanted}",), {}, ())
+    used, refused = _usable(candidates, limits)
+    if not used:
+        return HeartRate(NAN, NAN, tuple(refused), {}, ())
+    if problem := _disagreement(used, limits.max_disagreement_bpm):
+        return HeartRate(NAN, NAN, (problem, *refused), {}, ())
+    return _mean_over_pipelines(used, refused)
+
+
+def _by_sensor(readings: Iterable[Reading], source: str) -> list[list[Reading]]:
+    """Readings of the source, those of each sensor and pipeline together, what was computed first."""
     candidates: dict[tuple[str, str], list[Reading]] = {}
     for reading in sorted(readings, key=lambda r: (r.pipeline, r.sensor_id, r.source != "features")):
         if source in ("auto", reading.source):
             candidates.setdefault((reading.pipeline, reading.sensor_id), []).append(reading)
-    if not candidates:
-        wanted = "ecg or ppg heart rate" if source == "auto" else f"ecg or ppg heart rate from {source}"
-        return HeartRate(NAN, NAN, (f"there is no {wanted}",), {}, ())
+    return list(candidates.values())
+
+
+def _usable(candidates: Iterable[Iterable[Reading]], limits: Limits) -> tuple[list[Reading], list[str]]:
+    """Of each sensor the first reading that can be used, and a sentence for each before it."""
     used: list[Reading] = []
     refused: list[str] = []
-    for of_sensor in candidates.values():
+    for of_sensor in candidates:
         for reading in of_sensor:
             if not (problem := _problem(reading, limits)):
                 used.append(reading)
                 break
             refused.append(f"{_name(reading)} {problem}")
-    if not used:
-        return HeartRate(NAN, NAN, tuple(refused), {}, ())
-    if problem := _disagreement(used, limits.max_disagreement_bpm):
-        return HeartRate(NAN, NAN, (problem, *refused), {}, ())
+    return used, refused
+
+
+def _mean_over_pipelines(used: list[Reading], refused: list[str]) -> HeartRate:
     by_pipeline = {p: fmean(r.bpm for r in used if r.pipeline == p) for p in sorted({r.pipeline for r in used})}
     told = ", ".join(f"{_name(reading)} {reading.bpm:.1f}" for reading in used)
     bpm = fmean(by_pipeline.values())

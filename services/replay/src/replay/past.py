@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import defaultdict, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain
 from typing import NamedTuple
 
@@ -43,16 +43,10 @@ async def before(
     units from it, and those of the first moments describe none. Raises BagError where it cannot be read.
     """
     taken: set[tuple[str, int]] = set()
-    first_said = {topic.name for topic in topics if topic.name in FIRST_SAID}
-    latched = {topic.name for topic in topics if topic.latched} - first_said
     past: dict[str, deque[Recorded]] = defaultdict(deque)
     held = {topic.name: deque[bytes](maxlen=topic.repeated) for topic in topics if topic.latched}
     fullest: tuple[tuple[int, int, int], Recorded] | None = None
-    start_ns = recording.start_ns
-    for recorded in chain(
-        recording.messages(first_said, start_ns) if first_said else (),
-        recording.messages(latched, start_ns, from_ns) if latched and from_ns > start_ns else (),
-    ):
+    for recorded in _said(recording, topics, from_ns):
         await asyncio.sleep(0)
         if in_vain():
             return Past([], set(), {})
@@ -72,11 +66,26 @@ async def before(
             taken.add((name, recorded.log_ns))
     if fullest is not None:
         past[SENSORS].append(fullest[1])
+    return Past(_not_standing(past, standing), taken, held)
+
+
+def _said(recording: Recording, topics: Sequence[Topic], from_ns: int) -> Iterator[Recorded]:
+    """All of the topics whose first word holds from the beginning, then of other latched ones what came before."""
+    first_said = {topic.name for topic in topics if topic.name in FIRST_SAID}
+    latched = {topic.name for topic in topics if topic.latched} - first_said
+    start_ns = recording.start_ns
+    return chain(
+        recording.messages(first_said, start_ns) if first_said else (),
+        recording.messages(latched, start_ns, from_ns) if latched and from_ns > start_ns else (),
+    )
+
+
+def _not_standing(past: Mapping[str, deque[Recorded]], standing: Mapping[str, Sequence[int]]) -> list[Recorded]:
+    """What of the past is not told already, in the order in which it was recorded."""
     for name, queue in past.items():
         for _ in range(_overlap(standing[name], [recorded.log_ns for recorded in queue])):
             queue.popleft()
-    messages = sorted((message for queue in past.values() for message in queue), key=lambda m: m.log_ns)
-    return Past(messages, taken, held)
+    return sorted((message for queue in past.values() for message in queue), key=lambda m: m.log_ns)
 
 
 def _overlap(standing: Sequence[int], wanted: Sequence[int]) -> int:
