@@ -382,6 +382,17 @@ def test_early_bigeminy_gives_no_confident_rate_that_is_wrong(coupling_s: float)
     assert np.all(rates > 60)
 
 
+@pytest.mark.parametrize("coupling_s", [0.34, 0.36, 0.38])
+def test_bigeminy_of_wide_beats_no_taller_than_the_others_is_no_confident_half(coupling_s: float) -> None:
+    """Ventricular beats of 0.2 s and 0.6 of R have a third of the QRS energy, T waves less: there is doubt."""
+    normal_s, t_s = np.arange(0.5, 38, 1.24), np.arange(round(40 * FS_HZ)) / FS_HZ
+    ecg = trials.ecg_of(trials.Rhythm(normal_s, np.ones(len(normal_s), bool)), FS_HZ, 40, qrs_s=0.01)
+    for beat_s in normal_s + coupling_s:
+        for height, at_s, sigma_s in ((0.6, 0, 0.032), (-0.27, 0.07, 0.035), (-0.24, 0.3, 0.06)):
+            ecg += height * trials.R_UV * np.exp(-0.5 * ((t_s - beat_s - at_s) / sigma_s) ** 2)
+    assert np.all(confident_rates(play(ecg)[12:]) > 90)
+
+
 # -- electrodes that move
 
 
