@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from interpreter_ecg.features import middle_of_cut
 from scipy.signal import resample_poly
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
@@ -91,6 +92,18 @@ def test_electrode_off_that_picks_up_mains(hz: float, every_s: float, amplitude_
     ecg, t_s = trials.ecg_of(trials.resting(90, seed), FS_HZ, 90), np.arange(90 * 130) / FS_HZ
     ecg = np.where(t_s % every_s < 3, hum_at(hz, t_s, amplitude_uv), ecg)
     assert np.all(np.abs(confident_rates(play(ecg)) - 78) < 5)
+
+
+@pytest.mark.parametrize("fs_hz", [130.0, 250.0])
+@pytest.mark.parametrize("level_uv", [5000.0, -9000.0])
+def test_electrode_off_at_a_rail_for_two_beats(fs_hz: float, level_uv: float) -> None:
+    """The signal jumps to a rail and back, with noise there: that is no pause, and no confident rate is low."""
+    ecg, t_s = trials.ecg_of(trials.resting(90), fs_hz, 90), np.arange(round(90 * fs_hz)) / fs_hz
+    rail = level_uv + np.random.default_rng(5).normal(0, 10, len(t_s))
+    updates = play(np.where((t_s > 20) & (t_s % 20 < 1.6), rail, ecg), fs_hz)
+    rates = confident_rates(updates)
+    assert np.all(np.abs(rates - 78) < 5)
+    assert len(rates) > 40
 
 
 @pytest.mark.parametrize("fs_hz", [130.0, 250.0, 1000.0])
@@ -369,6 +382,17 @@ def test_early_bigeminy_gives_no_confident_rate_that_is_wrong(coupling_s: float)
     assert np.all(rates > 60)
 
 
+@pytest.mark.parametrize("coupling_s", [0.34, 0.36, 0.38])
+def test_bigeminy_of_wide_beats_no_taller_than_the_others_is_no_confident_half(coupling_s: float) -> None:
+    """Ventricular beats of 0.2 s and 0.6 of R have a third of the QRS energy, T waves less: there is doubt."""
+    normal_s, t_s = np.arange(0.5, 38, 1.24), np.arange(round(40 * FS_HZ)) / FS_HZ
+    ecg = trials.ecg_of(trials.Rhythm(normal_s, np.ones(len(normal_s), bool)), FS_HZ, 40, qrs_s=0.01)
+    for beat_s in normal_s + coupling_s:
+        for height, at_s, sigma_s in ((0.6, 0, 0.032), (-0.27, 0.07, 0.035), (-0.24, 0.3, 0.06)):
+            ecg += height * trials.R_UV * np.exp(-0.5 * ((t_s - beat_s - at_s) / sigma_s) ** 2)
+    assert np.all(confident_rates(play(ecg)[12:]) > 90)
+
+
 # -- electrodes that move
 
 
@@ -527,6 +551,35 @@ def test_a_turn_of_the_mains_is_no_jump() -> None:
     hum = hum_at(49.8, t_s) + hum_at(99.6, t_s, 100) + 150 * np.sin(2 * np.pi * 149.4 * t_s + 1)
     ecg = trials.ecg_of(rhythm, 250.0, 60) + hum
     assert timing_ms(play(ecg, 250.0), rhythm) < 0.5
+
+
+# -- R peaks cut off by a limit
+
+
+@pytest.mark.parametrize("fs_hz", [130.0, 250.0])
+@pytest.mark.parametrize("polarity", [1, -1])
+def test_beats_cut_off_by_a_limit_are_timed_by_the_middle_of_their_top(fs_hz: float, polarity: int) -> None:
+    """An amplifier that gives out at half of R: no peak moves to one end of its flat top, now to this, now to that."""
+    rhythm, t_s = trials.resting(50), np.arange(round(50 * fs_hz)) / fs_hz
+    ecg = np.random.default_rng(1).normal(0, 8, len(t_s)) + 40 * np.sin(1.6 * t_s)
+    for beat_s in rhythm.beats_s:
+        for height, at_s, sigma_s in ((1, 0, 0.014), (-0.15, -0.035, 0.014), (-0.15, 0.035, 0.014), (0.25, 0.28, 0.05)):
+            ecg += height * trials.R_UV * np.exp(-0.5 * ((t_s - beat_s - at_s) / sigma_s) ** 2)
+    updates = play(polarity * np.minimum(ecg, trials.R_UV / 2), fs_hz)
+    assert timing_ms(updates, rhythm) < 1
+    assert updates[-1].hrv.rmssd_ms == pytest.approx(ecg_rhythms.rmssd_ms(*rhythm), abs=0.5)
+
+
+def test_middle_of_a_top_that_is_cut_off() -> None:
+    """Where the slopes beside the flat top would reach the limit; from 5 ms on, and no step of the resolution."""
+    cut = np.array([0.0, 0.0, 2.0, 4.0, 5.0, 5.0, 5.0, 1.0, -3.0, -3.0])
+    assert middle_of_cut(cut, 5.3, 5.0, 250.0) == pytest.approx((3.5 + 6.0) / 2)
+    assert middle_of_cut(-cut, 4.2, -5.0, 250.0) == pytest.approx((3.5 + 6.0) / 2)
+    assert np.isnan(middle_of_cut(cut, 5.0, 5.0, 500.0))
+    assert np.isnan(middle_of_cut(cut, 5.0, -5.0, 250.0))
+    assert np.isnan(middle_of_cut(cut, 5.0, 200.0, 250.0))
+    assert np.isnan(middle_of_cut(np.ones(20), 5.0, 0.0, 250.0))
+    assert np.isnan(middle_of_cut(np.sin(np.arange(20.0)), 1.0, 1.0, 250.0))
 
 
 # -- jumps

@@ -15,6 +15,7 @@ from interpreter_ecg.features import (
     beat_shape,
     edge,
     likeness_to_spike,
+    middle_of_cut,
     qrs_energy,
     qrs_wavelet,
     sharp_wavelet,
@@ -58,6 +59,7 @@ class Beat(NamedTuple):
     valley: float  # energy between the beats round about, as a share of that of this one
     doubtful: bool  # what would have been a beat since the one before was taken for a T wave
     unrest: float  # features.unrest since the one before, over HUM_REACH_S at most
+    jumped: bool  # the baseline has jumped since the one before
     jitter_s: float  # that the noise of the samples gives its time
 
 
@@ -96,6 +98,7 @@ class Detector:
         self._scanned = self._half  # up to here candidates have been looked for; none where samples were made up
         self._candidates: deque[_Candidate] = deque()
         self._pulses: deque[tuple[int, float]] = deque(maxlen=32)  # time and energy of those taken out
+        self._jumps_ns: deque[int] = deque(maxlen=32)  # times of those taken out
         self._elsewhere: deque[float] = deque(maxlen=8)  # energies of the last beats at no pulse
         self._last_ns = -(2**62)  # the last beat
 
@@ -130,6 +133,7 @@ class Detector:
         self._ecg = np.concatenate((self._ecg[:known], clean))
         gain = abs(self._wavelet[self._half])
         self._pulses += [(int(self._times_ns[known + i]), gain * height) for i, height in self._jumps.pulses]
+        self._jumps_ns += [int(self._times_ns[known + i]) for i in self._jumps.jumps]
         if len(ecg):
             self._jumped = float(clean[-1] - ecg[-1])
 
@@ -229,6 +233,8 @@ class Detector:
         peak = self._find(ecg, middle - first, self._sign)
         self._settle(peak.upness)
         at = min(max(middle - first + peak.offset_s * self._fs_hz, 0.0), len(ecg) - 1.0)
+        cut = middle_of_cut(self._ecg[around], at, peak.height, self._fs_hz)
+        at = at if np.isnan(cut) else cut
         shape = beat_shape(ecg, at, self._fs_hz)
         reach = round(EDGE_REACH_S * self._fs_hz)
         edge_ = edge(ecg.take(np.arange(round(at) - reach, round(at) + reach + 1), mode="clip"))
@@ -236,7 +242,8 @@ class Detector:
         time_ns, levels = self._time_ns(first + at), self._levels
         unrest_ = self._unrest(middle, first, around.stop, reach)
         jitter_s, complete, doubtful = self._finder.jitter_s(ecg, peak), levels.complete, levels.doubtful
-        return Beat(time_ns, peak.height, energy, complete, shape, edge_, valley, doubtful, unrest_, jitter_s)
+        jumped = any(self._last_ns < jump_ns < time_ns for jump_ns in self._jumps_ns)
+        return Beat(time_ns, peak.height, energy, complete, shape, edge_, valley, doubtful, unrest_, jumped, jitter_s)
 
     def _unrest(self, middle: int, first: int, stop: int, reach: int) -> float:
         """Of the samples from `first` or the last beat on, against those to `reach` round a beat and until `stop`."""

@@ -18,6 +18,8 @@ BAND_HZ, BAND_SHARE = 65.0, 0.45  # pass band of the interpolation: at most that
 SLOW_S = 0.12  # what is slower than this is no part of the peak when the largest deflection is chosen
 FINE_S = 0.001  # grid of the interpolation, refined by a parabola
 NOISE_EVERY_S, MEDIAN_OF_NORMAL = 0.02, 0.6745  # where slopes are looked at for noise; their median over their rms
+CUT_OFF_S, CUT_OFF_SAMPLES = 0.005, 3  # equal samples at the top of a beat, from which it is cut off by a limit ...
+CORNER = 0.03  # ... if it falls by this share of its height within two samples on both sides: coarse steps do not
 BELL = 8 * np.log(2)  # curvature of a bell at its top, in its height over the square of its width at half of that
 MOST_JITTER_S = 0.01  # noise moves a peak no further, it makes another one
 FLIP = 0.7  # log of the ratio by which the other polarity must be larger than the usual one to be taken ...
@@ -134,6 +136,31 @@ class PeakFinder:
         looks = np.arange(0, len(ecg) - width + 1, self._every)[:, None] + np.arange(width)
         slopes = np.abs(np.einsum("an,n->a", ecg.take(looks), self._slope_kernel))
         return min(median(slopes.tolist()) / MEDIAN_OF_NORMAL / peak.bend, MOST_JITTER_S)
+
+
+def middle_of_cut(ecg: Floats, at: float, height: float, fs_hz: float) -> float:
+    """Return the middle of the top that a limit of the amplifier has cut off at the fractional index `at`; NaN without.
+
+    Interpolation finds a peak at either end of such a top, now here, now there. Its ends are where the slopes beside it
+    would reach the limit. height: of the peak, negative for a downward one.
+    """
+    top = first = last = min(max(round(at), 0), len(ecg) - 1)
+    while first > 0 and ecg[first - 1] == ecg[top]:
+        first -= 1
+    while last < len(ecg) - 1 and ecg[last + 1] == ecg[top]:
+        last += 1
+    if last - first < max(CUT_OFF_SAMPLES - 1, CUT_OFF_S * fs_hz) or first < 2 or last > len(ecg) - 3:
+        return np.nan
+    before, after = ecg[first - 2 : first + 1].tolist(), ecg[last : last + 3][::-1].tolist()
+    if any(not (limit - outer) * height > CORNER * height**2 for outer, _, limit in (before, after)):
+        return np.nan
+    return (first + last + _reached(*after) - _reached(*before)) / 2
+
+
+def _reached(before: float, beside: float, limit: float) -> float:
+    """How many steps before the limit, 0 to 1, a line through the two samples beside it reaches it."""
+    slope = beside - before
+    return 1 - min(max((limit - beside) / slope, 0.0), 1.0) if slope else 0.0
 
 
 def summit(values: Floats, i: int, sign: float) -> int:

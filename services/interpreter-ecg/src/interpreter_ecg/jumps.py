@@ -29,10 +29,11 @@ class Jumps:
         self.context = 2 * self.unsure + 1  # samples before the new ones that are needed
         self._steepness = 0.0
         self.pulses: list[tuple[int, float]] = []  # index and height of those of a pacemaker last taken out
+        self.jumps: list[int] = []  # index of those last taken out
 
     def taken_out(self, ecg: Floats) -> Floats:
         """Return ecg, shape (n,), without jumps; nothing is taken out of the first and last `unsure` differences."""
-        self.pulses = []
+        self.pulses, self.jumps = [], []
         if self._fs_hz < FS_HZ or len(ecg) < self.context:
             return ecg
         ecg = self._without_pulses(ecg)
@@ -43,6 +44,7 @@ class Jumps:
             if sizes[i] > ALONE * max(sizes[i - self._beside : i].max(), sizes[i + 1 : i + self._beside + 1].max()):
                 jump = steps[i] - (steps[i - 1] + steps[i + 1]) / 2
                 ecg = np.where(np.arange(len(ecg)) > i, ecg - jump, ecg)
+                self.jumps.append(i)
         return ecg
 
     def _without_pulses(self, ecg: Floats) -> Floats:

@@ -34,6 +34,7 @@ P_WAVE_S, P_WAVE = 0.34, (0.2, 1.4)  # one followed so soon by one of which it h
 SHARPER = 1.8  # ... and so many times sharper is a P wave, however tall, ...
 P_WAVES, P_WAVES_S, P_AGREE_S = 3, 8.0, 0.03  # ... as the third at that distance in so long
 T_WAVES_SHARE = 0.45  # of the beats in so long have one, if what follows a beat, as much less sharp, is its T wave
+LARGE_T_WAVE = 0.29  # of the energy of the beat before: nine MIT-BIH records have 0.28 at most, a wide beat 0.32
 SMALL, SMALL_ELAPSED = 0.25, 0.6  # of the level of beats, and of the usual interval: what may be a small beat ...
 SMALL_AS_SHARP = (0.85, 1.2)  # ... if it is as sharp as these parts of the usual sharpness
 LOW_QUANTILE = 0.3  # of the energies of the last beats: small ones count, single ones do not
@@ -64,6 +65,7 @@ class Levels:
         self._last_s: float | None = None  # the last beat, unless a gap came after it
         self._seen_s: float | None = None  # the last beat in any case
         self._blunt: deque[tuple[float, float]] = deque(maxlen=2 * BEATS)  # the same of what may be T waves
+        self._large: deque[tuple[float, float]] = deque(maxlen=2 * BEATS)  # of T waves that may be ventricular beats
         self._beats_s: deque[float] = deque(maxlen=4 * BEATS)  # when the last beats were
         self._last_energy = self._t_wave = self._t_sharp = self._largest_rejected = self._last_sharpness = 0.0
         self.complete = False
@@ -112,7 +114,7 @@ class Levels:
             self._last_sharpness = sharpness / energy
             self._sharpnesses.append(self._last_sharpness)
             return True
-        self._passed_over |= blunt
+        self._passed_over |= blunt or (early and self._is_large_t_wave(time_s, elapsed_s, energy))
         if early:
             self._t_wave = max(self._t_wave, energy)
             self._t_sharp = max(self._t_sharp, sharpness)
@@ -175,7 +177,18 @@ class Levels:
         if elapsed_s >= T_WAVE_S or sharpness * SHARPER > self._last_sharpness:
             return False
         self._blunt.append((time_s, elapsed_s))
-        alike = [abs(d - elapsed_s) < P_AGREE_S for at_s, d in self._blunt if time_s - at_s < P_WAVES_S]
+        return self._follows_most(self._blunt, time_s, elapsed_s)
+
+    def _is_large_t_wave(self, time_s: float, elapsed_s: float, energy: float) -> bool:
+        """Whether what was passed over is so large that most beats may be followed by a wide one, not by a T wave."""
+        if elapsed_s < PREMATURE_S or energy < LARGE_T_WAVE * self._last_energy:
+            return False
+        self._large.append((time_s, elapsed_s))
+        return self._follows_most(self._large, time_s, elapsed_s)
+
+    def _follows_most(self, such: Collection[tuple[float, float]], time_s: float, elapsed_s: float) -> bool:
+        """Whether nearly half of the beats told lately were followed by such, (time, s after), at that distance."""
+        alike = [abs(d - elapsed_s) < P_AGREE_S for at_s, d in such if time_s - at_s < P_WAVES_S]
         beats = sum(time_s - at_s < P_WAVES_S for at_s in self._beats_s)
         return sum(alike) >= max(P_WAVES, T_WAVES_SHARE * beats)
 

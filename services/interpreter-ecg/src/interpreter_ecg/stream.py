@@ -152,7 +152,8 @@ class EcgStream:
             label = self._morphology.label(beat.shape, rr_ms, beat.complete and beat.valley < CLEAN_VALLEY)
             if self._is_angular(beat.edge):
                 label = Label.UNCERTAIN
-            lacks_one = (not beat.complete or beat.unrest > UNREST) and rr_ms > MISSED * self._usual_ms
+            disturbed = not beat.complete or beat.jumped or beat.unrest > UNREST
+            lacks_one = disturbed and rr_ms > MISSED * self._usual_ms
             whole = not (lacks_one or rr_ms > LONGEST_INTERVAL_MS)
             intervals.append(Interval(beat, rr_ms, label, self._previous, whole, self._morphology.unlike))
             self._previous_ns, self._previous = beat.time_ns, label
