@@ -282,6 +282,34 @@ def test_a_pause_after_slow_breaths_is_no_breath(per_min, rise, fall):
     np.testing.assert_allclose([update.amplitude for update in sure], 100, atol=10)
 
 
+@pytest.mark.parametrize(("rise", "fall"), [(0.15, 0.2), (0.2, 0.3), (0.15, 0.35)])
+@pytest.mark.parametrize("per_min", [8.0, 12.0])
+def test_a_pause_between_breaths_is_usual_breathing(per_min, rise, fall):
+    """8 and 12 breaths a minute, the belt at rest for half of the time and more: all are sure, no movement is told."""
+    updates = play(paused(per_min, rise, fall))[60:]
+    assert min(update.signal_quality for update in updates) > 0.8
+    np.testing.assert_allclose([update.breaths_per_min for update in updates], per_min, atol=0.3)
+    assert not any("movements" in reason for update in updates for reason in update.reasons)
+
+
+@pytest.mark.parametrize("per_min", [8.0, 12.0])
+def test_movements_between_breaths_with_pauses_are_none(per_min):
+    """Five times as high as such a breath, every 15 s: they are told, and no sure rate is wrong by 2 /min."""
+    moved = sum(5 * np.exp(-0.5 * ((TIMES_S - at_s) / 0.7) ** 2) for at_s in np.arange(8.0, SECONDS, 15.3))
+    updates = play(paused(per_min, 0.2, 0.3) + moved)[30:]
+    assert any("movements" in reason for update in updates for reason in update.reasons)
+    sure = [update.breaths_per_min for update in updates if update.signal_quality >= 0.7]
+    np.testing.assert_allclose(sure, per_min, atol=2.0)
+
+
+def paused(per_min, rise, fall):
+    """Breaths 1 high that rise and fall for these shares of their time, then rest."""
+    phase = TIMES_S * per_min / 60 % 1
+    falling = 0.5 + 0.5 * np.cos(np.pi * np.clip((phase - rise) / fall, 0, 1))
+    chest = np.where(phase < rise, 0.5 - 0.5 * np.cos(np.pi * phase / rise), falling)
+    return chest + np.random.default_rng(3).normal(0, 0.005, len(chest))
+
+
 @pytest.mark.parametrize("fs_hz", [8.0, 25.0, 100.0])
 @pytest.mark.parametrize("held_s", [2.0, 4.0])
 def test_values_that_are_held_are_no_breathing(held_s, fs_hz):

@@ -7,6 +7,7 @@ from interpreter_respiration import fusion
 from interpreter_respiration.beats import Beat
 from interpreter_respiration.config import Config
 from interpreter_respiration.heart import HeartStream
+from interpreter_respiration.lead import Lead
 from interpreter_respiration.stream import RespirationStream
 from sense4hri.names import StreamName
 from sense4hri.stream_info import StreamInfo
@@ -103,6 +104,23 @@ def test_amplitude_alone_tells_the_rate_of_even_breathing_but_not_when_lungs_are
     assert "without sinus arrhythmia" in " ".join(updates[np.flatnonzero(np.isfinite(rates(updates)))[-1]].reasons)
 
 
+@pytest.mark.parametrize(("per_min", "swing_uv"), [(10.0, 300.0), (10.0, 1000.0), (15.0, 1000.0)])
+def test_a_baseline_that_swings_is_no_breathing(per_min, swing_uv):
+    """A cable swings 10 or 15 times a minute, the heart shows no breathing: no rate, and that is the reason."""
+    samples = ecg(80, 250.0, arrhythmia_s=0.0, amplitude=0.0)
+    samples += swing_uv * np.sin(2 * np.pi * per_min / 60 * np.arange(len(samples)) / 250.0)
+    updates = play(samples, 250.0)
+    assert np.isnan(rates(updates)).all()
+    assert any("baseline of the ECG swings" in reason for update in updates for reason in update.reasons)
+
+
+def test_a_baseline_that_breathes_with_the_chest_hides_nothing():
+    """0.1 mV of it, 0.1 mV of QRS complexes and sinus arrhythmia, as recordings have them: the rate in each update."""
+    samples = ecg(80, 250.0)
+    samples += 100 * np.sin(2 * np.pi * np.arange(len(samples)) / 250.0 / 4)
+    np.testing.assert_allclose(rates(play(samples, 250.0))[50:], 15.0, atol=1.0)
+
+
 def test_sinus_arrhythmia_alone_tells_the_rate_of_even_breathing():
     """QRS complexes that only jitter do not hide it: the rate within 0.5 /min."""
     late = rates(play(ecg(SECONDS, FS_HZ, amplitude=0.0)))[60:]
@@ -117,7 +135,9 @@ def test_what_changes_from_beat_to_beat_by_chance_is_no_breathing(seed):
     intervals_s = dice.normal(0.8, 0.05, 150)
     ends_ns = np.cumsum(intervals_s * 1e9).astype(np.int64)
     qrs = dice.normal(1.0, 0.1, 150)  # height and area of one beat go together, whatever the reason
-    beats = [Beat(int(t), i, q, q + 0.05 * dice.normal()) for t, i, q in zip(ends_ns, intervals_s, qrs, strict=True)]
+    beats = [
+        Beat(int(t), i, q, q + 0.05 * dice.normal(), 0.0) for t, i, q in zip(ends_ns, intervals_s, qrs, strict=True)
+    ]
     seen = [fusion.fused(beats[k : k + 75], beats[k].time_ns, beats[k + 74].time_ns) for k in range(0, 75)]
     assert np.isfinite([fusion.told_per_min(each) for each in seen]).mean() <= 1 / 50
 
@@ -175,6 +195,73 @@ def test_a_hole_leaves_no_interval_across_it():
     assert np.isnan(told[64:95]).all()
     np.testing.assert_allclose(told[np.isfinite(told)], 15.0, atol=1.0)
     assert np.isfinite(told[110:]).any()
+
+
+@pytest.mark.parametrize("at_s", [60.0, 60.25, 60.5, 60.75])
+def test_one_lost_frame_costs_the_intervals_across_it(at_s):
+    """A quarter of a second that never came: the rate in every update, of a lower quality than without the loss."""
+    samples = ecg(80, FS_HZ)
+    whole, updates = play(samples)[45:], play(samples, lost=[(at_s, at_s + 0.25)])[45:]
+    np.testing.assert_allclose(rates(updates), 15.0, atol=1.0)
+    quality, before = (np.mean([update.signal_quality for update in each[20:]]) for each in (updates, whole))
+    assert 0.8 < quality < before
+
+
+@pytest.mark.parametrize("lost_s", [0.05, 0.25, 0.5, 1.0, 4.0])
+def test_no_interval_is_measured_across_a_loss(lost_s):
+    """However long it is, where a beat may be hidden: intervals are those of neighbours, the others unknown."""
+    samples = ecg(40, FS_HZ)
+    times_ns = T0_NS + np.round(np.arange(len(samples)) / FS_HZ * 1e9).astype(np.int64)
+    truth_ns = [beat.time_ns for beat in found(samples, times_ns)]
+    for begin_s in np.arange(5.0, 35.0, 5.0 + lost_s + 0.13):
+        samples[round(begin_s * FS_HZ) : round((begin_s + lost_s) * FS_HZ)] = np.nan
+    beats = found(samples, times_ns)
+    assert len(beats) >= 20
+    known = [beat for beat in beats if np.isfinite(beat.interval_s)]
+    assert max(beat.interval_s for beat in known) < 1.0
+    assert all(np.abs(np.array(truth_ns) - beat.time_ns).min() < 1e6 for beat in beats)
+
+
+def found(samples, times_ns):
+    """All beats of one lead, in blocks of a second."""
+    lead = Lead(FS_HZ, 60)
+    for at in range(0, len(samples), round(FS_HZ)):
+        lead.take(samples[at : at + round(FS_HZ)], times_ns[at : at + round(FS_HZ)], 0)
+    return lead.beats
+
+
+def test_a_longer_loss_is_told_as_what_it_is_and_ends_after_40_s_of_beats():
+    """4 s that never came: every reason is that beats are needed, how long there were some; a rate again 44 s later."""
+    updates = play(ecg(120, FS_HZ), lost=[(60.0, 64.0)])
+    silent = [update for update in updates[60:] if np.isnan(update.breaths_per_min)]
+    needs = "needs 40 s of heart beats without a pause, there are "
+    assert all(update.reasons[0].startswith(needs) for update in silent)
+    assert np.isnan([update.signal_quality for update in silent]).all()
+    assert (silent[-1].device_ns - T0_NS) / 1e9 < 64 + 44
+
+
+def test_intervals_that_losses_spoil_are_named_as_that():
+    """A quarter of a second lost in every 1.7 s: no rate, and the reason is the losses, not a heart that is missing."""
+    lost = [(at_s, at_s + 0.25) for at_s in np.arange(5.0, 90.0, 1.75)]
+    last = play(ecg(90, FS_HZ), lost=lost)[-1]
+    assert np.isnan(last.breaths_per_min)
+    assert last.reasons[0].startswith("losses leave ")
+
+
+def test_a_lead_that_falls_off_has_no_beats():
+    """After a minute the ECG is flat: within 7 s the reason is that, and for how long, with quality 0."""
+    samples = ecg(90, FS_HZ)
+    samples[round(60 * FS_HZ) :] = 0.0
+    updates = play(samples)
+    assert all(update.signal_quality == 0 for update in updates[67:])
+    assert updates[-1].reasons == ("no heart beats are found in the last 29 s",)
+
+
+def test_a_pause_that_may_hide_a_breath_is_named():
+    """Of 23 breaths per min, a second lost between two of them: the rate, or that a breath may be hidden."""
+    updates = play(ecg(80, FS_HZ, 23.0), lost=[(60.5, 61.5)])[62:]
+    assert all("may hide one of" in update.reasons[0] for update in updates if np.isnan(update.breaths_per_min))
+    assert np.isnan(rates(updates)).any()
 
 
 def test_five_minutes_of_rest(shared_data):

@@ -21,6 +21,7 @@ ALIKE = (0.6, 0.85)  # likeness alone: quality 0 and 1
 TREMOR_S = 0.1  # what is slower than this and faster than SMOOTH_S is no breathing, and much of a random walk
 RHYTHM = (1.3, 2.6)  # likeness one period later over the share of tremor, which is 1 in a random walk: quality 0 and 1
 OUTLYING, OUTLYING_MOST = 4.5, 0.25  # robust standard deviations that are no breath any more; share of time: quality 0
+OUTLYING_TOPS = 2.0  # times the median top of a wave, below which it is none of these
 STEP_S, SHARE_OF_TIME = 0.5, 0.05  # what is shorter is noise on a step; the fastest moments
 ABRUPT = (0.38, 0.5)  # share of the way that it goes in these: quality 1 and 0; breaths with long pauses reach 0.4
 # change of the level from one period to the next, in spreads of the waves, and its quality; from where it is told
@@ -126,9 +127,19 @@ def rhythm(raw: Floats, likeness: float) -> float:
     return max(rise(contrast, RHYTHM), rise(likeness, ALIKE))
 
 
+def furthest(waves: Floats) -> float:
+    """Return how far out a usual breath is at most: of many spreads, or the height of most breaths twice.
+
+    Where a pause follows each breath, waves rest for most of the time and their spread is that of the pauses.
+    """
+    spread = spread_of(waves)
+    tops = np.abs(waves[turns(waves, REACH * spread)[0]])
+    return max(OUTLYING * spread, OUTLYING_TOPS * median(tops) if len(tops) else 0.0)
+
+
 def outlying(waves: Floats) -> float:
     """Return the share of time in which the signal is further out than any usual breath."""
-    return float(np.mean(np.abs(waves) > OUTLYING * spread_of(waves))) if len(waves) else 0.0
+    return float(np.mean(np.abs(waves) > furthest(waves))) if len(waves) else 0.0
 
 
 def abruptness(raw: Floats, waves: Floats) -> float:
@@ -141,7 +152,7 @@ def abruptness(raw: Floats, waves: Floats) -> float:
     if len(raw) <= width:
         return 0.0
     level = np.median(windows(raw, width), axis=1)
-    usual = (np.abs(waves) <= OUTLYING * spread_of(waves))[width // 2 :][: len(level)]
+    usual = (np.abs(waves) <= furthest(waves))[width // 2 :][: len(level)]
     ways = np.sort(np.abs(np.diff(level))[usual[1:] & usual[:-1]])[::-1]
     whole = float(ways.sum())
     return float(ways[: max(1, round(SHARE_OF_TIME * len(ways)))].sum()) / whole if whole > 0 else 0.0

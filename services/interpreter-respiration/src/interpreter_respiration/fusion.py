@@ -129,9 +129,9 @@ def _waves(beats: Sequence[Beat], begin_ns: int, end_ns: int, wander_s: float) -
     """(times of the grid, waves of intervals, heights and areas of the beats, shape (3, n)) without a slower wander."""
     times_ns = np.arange(begin_ns, end_ns, round(SECOND_NS / GRID_HZ))
     ends_s = np.array([(beat.time_ns - begin_ns) / SECOND_NS for beat in beats])
-    intervals_s, heights, areas = np.array([(beat.interval_s, beat.height, beat.area) for beat in beats]).T
+    before_s, heights, areas = np.array([(beat.interval_s, beat.height, beat.area) for beat in beats]).T
     grid_s = (times_ns - begin_ns) / SECOND_NS
-    shown = (ends_s - intervals_s / 2, -intervals_s), (ends_s, heights), (ends_s, areas)
+    shown = (ends_s - before_s / 2, -before_s), (ends_s, heights), (ends_s, areas)
     return times_ns, np.array([_wave(at_s, values, grid_s, wander_s) for at_s, values in shown])
 
 
@@ -156,6 +156,7 @@ def _common(waves: Floats) -> Floats:
 
 def _wave(at_s: Floats, values: Floats, grid_s: Floats, wander_s: float) -> Floats:
     """What breathes in values at uneven times, on the grid, in robust standard deviations."""
+    at_s, values = at_s[np.isfinite(values)], values[np.isfinite(values)]
     good = usual(values)
     wave = breathing(np.interp(grid_s, at_s[good], values[good]), wander_s)
     spread = spread_of(wave)

@@ -9,18 +9,23 @@ from sense4hri.step import Feature
 from sense4hri.stream_info import StreamInfo
 
 from interpreter_respiration import fusion
-from interpreter_respiration.beats import Beat
+from interpreter_respiration.beats import Beat, intervals_s, longest_pause_s, swing
 from interpreter_respiration.config import Config
 from interpreter_respiration.features import rise, spread_of
-from interpreter_respiration.lead import BRIDGED_S, Lead
+from interpreter_respiration.lead import Lead
 from interpreter_respiration.update import RespirationUpdate
 
 FS_HZ = (50.0, 8000.0)
+FILLED_S = 1.0  # a longer loss lets the search for beats begin anew
 MOST_LEADS = 3  # the first ones, that are looked at
 NEEDS_S = 40.0  # of beats before anything is said, in a short window as much as COVERED of it
 COVERED = (0.3, 0.9)  # share of the window that lies between beats in a row: quality 0 and 1
 IRREGULAR = 0.2  # spread of the intervals, as a share of the median, from which they show more than breathing
 OUTLYING = 0.15  # share of beats that may be ectopic, or none
+HIDES = 0.75  # of a breath between two beats, from which one may have come and gone unseen
+SWINGS = 0.7  # share of height or area that the baseline moves: up to 0.3 in recordings, 3 where a cable swings
+CONFIRMED = 0.6  # likeness from which intervals, which no baseline moves, confirm QRS complexes
+SILENT_S = 5.0  # of samples without a beat: there is no heart in them
 FASTEST = 0.45  # breaths per beat that beats can show
 SETTLED_S = 5.0  # after so much signal a breath does not change any more
 APART_S = 0.8  # between two breaths
@@ -40,7 +45,7 @@ class HeartStream:
                 f"sampling_frequency_hz is {fs_hz:g}, must be {FS_HZ[0]:g} to {FS_HZ[1]:g} for breaths from an ECG"
             )
         self._config = config
-        self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S, filled=True)
+        self._blocks = Blocks(config.update_interval_s, bridged_s=FILLED_S, filled=True)
         self._names = info.channel_names[:MOST_LEADS]
         blocks = round(config.window_s / config.update_interval_s)
         self._leads = [Lead(fs_hz, blocks) for _ in self._names]
@@ -108,8 +113,8 @@ class HeartStream:
     def _shown(self, lead: Lead, end_ns: int, window_s: float) -> tuple[list[Beat], float, str]:
         """(beats in a row, share of the window that they cover, why they say nothing) of a lead."""
         chained = lead.chained(end_ns)
-        covered = sum(beat.interval_s for beat in chained) / max(window_s, 1e-9)
-        return chained, covered, self._problem(chained, covered, window_s)
+        covered = float(intervals_s(chained).sum()) / max(window_s, 1e-9)
+        return chained, covered, self._problem(lead, chained, covered, window_s)
 
     def _fresh(self, seen: fusion.Fused, end_ns: int) -> list[int]:
         """Ends of inspiration that are certain now and were not told before.
@@ -126,16 +131,16 @@ class HeartStream:
                 fresh.append(time_ns)
         return fresh
 
-    def _problem(self, beats: list[Beat], covered: float, window_s: float) -> str:
-        """Why the beats say nothing; empty where they may."""
+    def _problem(self, lead: Lead, chained: list[Beat], covered: float, window_s: float) -> str:
+        """Why the beats of a lead say nothing; empty where they may."""
         needs_s = min(NEEDS_S, COVERED[1] * self._config.window_s)
-        if window_s >= needs_s and not beats:
-            return "no heart beats are found"
+        if window_s >= needs_s and lead.silent_s > SILENT_S:
+            return "no heart beats are found" + (f" in the last {lead.silent_s:.0f} s" if lead.beats else "")
         if covered * window_s < needs_s:
-            return f"needs {needs_s:g} s of heart beats without a pause"
-        intervals_s = np.array([beat.interval_s for beat in beats])
-        spread = spread_of(intervals_s) / float(np.median(intervals_s))
-        outlying = 1 - float(fusion.usual(intervals_s).mean())
+            return _too_few(lead, chained, covered * window_s, needs_s)
+        known_s = intervals_s(chained)
+        spread = spread_of(known_s) / float(np.median(known_s))
+        outlying = 1 - float(fusion.usual(known_s).mean())
         if spread > IRREGULAR or outlying > OUTLYING:
             return "heart beats are too irregular to show breathing, or are none"
         return ""
@@ -147,8 +152,12 @@ class HeartStream:
             return f"sinus arrhythmia and R amplitude disagree, and neither is even: {needs}"
         if not np.isfinite(rate):
             return fusion.unclear(seen)
-        if (high := max(seen.rates_per_min)) > FASTEST * 60 / float(np.median([beat.interval_s for beat in beats])):
+        if (high := max(seen.rates_per_min)) > FASTEST * 60 / float(np.median(intervals_s(beats))):
             return f"{high:.1f} breaths per min are too fast for beats to show"
+        if seen.likeness < CONFIRMED and swing(beats) > SWINGS:
+            return "the baseline of the ECG swings so far that QRS complexes follow it, breathing or not"
+        if (pause_s := longest_pause_s(beats)) > HIDES * 60 / rate:
+            return f"{pause_s:.1f} s between two heart beats may hide one of {rate:.1f} breaths per min"
         if np.isfinite(slow := fusion.slower_per_min(beats, rate)):
             return f"{rate:.1f} breaths per min may be an overtone of {slow:.1f} /min, or have noise among them"
         if quality < self._config.min_quality:
@@ -161,6 +170,15 @@ class HeartStream:
         nan = np.nan
         stamps = block.device_ns, block.received_ns, window_s
         return RespirationUpdate(*stamps, -1, (), nan, nan, nan, nan, nan, quality, evidence, (problem,))
+
+
+def _too_few(lead: Lead, chained: list[Beat], covered_s: float, needs_s: float) -> str:
+    """What keeps the intervals of beats in a row from adding up to needs_s."""
+    if chained and (chained[-1].time_ns - chained[0].time_ns) / SECOND_NS >= needs_s:
+        return f"losses leave {covered_s:.0f} s of intervals between heart beats, not {needs_s:g}"
+    broken = len(lead.beats) > len(chained) + 1
+    so_far = f", there are {covered_s:.0f} s since the last" if broken else ""
+    return f"needs {needs_s:g} s of heart beats without a pause{so_far}"
 
 
 def _evidence(likeness: float, rhythm: float) -> tuple[Feature, ...]:

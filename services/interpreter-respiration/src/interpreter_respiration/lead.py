@@ -3,13 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 from sense4hri.blocks import Presence
-from sense4hri.slow import drawn_through, newest_run
 from sense4hri.stamps import SECOND_NS
 
-from interpreter_respiration.beats import Beat, Beats
+from interpreter_respiration.beats import SETTLED_S, Beat, Beats
 
-BRIDGED_S = 0.1  # a shorter hole is drawn through: it hides one beat at most, whose interval is left out
-PAUSE_S = 2.0  # without a beat: a breath may have come and gone unseen
+PAUSE_S, PAUSE_BEATS = 2.5, 2.5  # without a beat, whichever is longer: what was before it says nothing any more
 
 Floats = NDArray[np.float64]
 
@@ -21,43 +19,40 @@ class Lead:
     """
 
     def __init__(self, fs_hz: float, blocks: int) -> None:
-        self._finder, self._presence = Beats(fs_hz), Presence(blocks)
+        self._fs_hz, self._finder, self._presence = fs_hz, Beats(fs_hz), Presence(blocks)
         self.forget()
 
     def forget(self) -> None:
         """Everything begins anew."""
-        self._beats: list[Beat] = []
+        self.beats: list[Beat] = []
         self._presence.restart()
         self.restart()
 
     def restart(self) -> None:
         """A hole is between what came and what comes."""
         self._finder.restart()
-        self._last, self._last_ns = np.empty(0), np.empty(0, np.int64)
+        self.silent_s = 0.0  # of samples since the last beat, or hole
 
     def take(self, samples: Floats, times_ns: NDArray[np.int64], start_ns: int) -> None:
-        """Find the beats of a block, shape (n,); a sample that is no number breaks the chain of intervals.
-
-        start_ns: beats up to then are forgotten.
-        """
+        """Find the beats of a block, shape (n,), NaN where a sample is lost; beats up to start_ns are forgotten."""
         self._presence.add(samples[:, None])
-        raw, times_ns = np.append(self._last, samples), np.append(self._last_ns, times_ns)
-        self._last, self._last_ns = raw[-1:], times_ns[-1:]
-        ecg = drawn_through(raw, times_ns, BRIDGED_S)
-        fresh = len(ecg) - len(samples)
-        begin = max(fresh, newest_run(ecg))
-        if begin > fresh:
-            self._finder.restart()
-        self._beats += self._finder.push(ecg[begin:], times_ns[begin:])
-        self._beats = [beat for beat in self._beats if beat.time_ns > start_ns]
+        fresh = self._finder.push(samples, times_ns)
+        self.beats = [beat for beat in self.beats + fresh if beat.time_ns > start_ns]
+        after = times_ns > fresh[-1].time_ns if fresh else np.ones(len(samples), bool)
+        self.silent_s = (0.0 if fresh else self.silent_s) + np.count_nonzero(after) / self._fs_hz
 
     def share(self) -> float:
         """Return the share of the window's samples that came."""
         return self._presence.share()
 
     def chained(self, end_ns: int) -> list[Beat]:
-        """Beats with an interval before them, up to end_ns, since the last pause."""
-        times_ns = np.array([*(beat.time_ns for beat in self._beats), end_ns])
-        pauses = np.flatnonzero(np.diff(times_ns) > PAUSE_S * SECOND_NS)
-        newest = self._beats[int(pauses[-1]) + 1 :] if len(pauses) else self._beats
-        return [beat for beat in newest if np.isfinite(beat.interval_s)]
+        """Beats up to end_ns since the last pause, the first of which has an interval before it."""
+        times_ns = np.array([*(beat.time_ns for beat in self.beats), end_ns - round(SETTLED_S * SECOND_NS)])
+        pauses = np.flatnonzero(np.diff(times_ns) > self._pause_s() * SECOND_NS)
+        newest = self.beats[int(pauses[-1]) + 1 :] if len(pauses) else self.beats
+        first = next((k for k, beat in enumerate(newest) if np.isfinite(beat.interval_s)), len(newest))
+        return newest[first:]
+
+    def _pause_s(self) -> float:
+        intervals_s = [beat.interval_s for beat in self.beats if np.isfinite(beat.interval_s)]
+        return max(PAUSE_S, PAUSE_BEATS * float(np.median(intervals_s))) if intervals_s else PAUSE_S
