@@ -143,7 +143,17 @@ def test_a_chest_is_no_skin(per_min):
         assert any("as evenly as breaths" in reason for reason in update.reasons)
 
 
-@pytest.mark.parametrize("every_s", [4.0, 6.0])
+@pytest.mark.parametrize("period_s", [10.0, 15.0, 20.0])
+def test_a_level_that_sways_is_no_skin(period_s):
+    """By 2.5 uS up and down, as pressure or a cable does it: from 60 s on no quality of 0.7, and the reason."""
+    t_s = np.arange(round(100 * FS_HZ)) / FS_HZ
+    swing = 8 + 2.5 * np.sin(2 * np.pi * t_s / period_s) + np.random.default_rng(1).normal(0, 0.002, len(t_s))
+    for update in play(swing, FS_HZ)[60:]:
+        assert update.signal_quality < 0.7
+        assert any("as evenly as breaths" in reason for reason in update.reasons)
+
+
+@pytest.mark.parametrize("every_s", [4.0, 6.0, 10.0, 15.0])
 def test_responses_as_even_as_breaths_are_skin(every_s):
     """Skin that answers a picture every few seconds is in no doubt: it rises faster than it falls."""
     onsets_s = np.arange(5.0, 85.0, every_s)
