@@ -9,6 +9,14 @@ import numpy as np
 STEPS = (0, 1, 2, 4)
 
 
+def held(samples: Any, fs_hz: float, share: float, every_s: float) -> Any:
+    """Samples, shape (n, ...), of a device that repeats its last value for this share of every so many seconds."""
+    out, every = samples.copy(), round(every_s * fs_hz)
+    for begin in range(every // 2, len(out), every):
+        out[begin : begin + round(share * every)] = out[begin]
+    return out
+
+
 def assert_falls(updates: Callable[[int], Sequence[Any]], least: float = 0.9) -> None:
     """Assert that the mean quality begins above least and falls with every step; where it is not known it counts as 0.
 

@@ -1,11 +1,10 @@
 """What is published when channels are poor, absent, or no EEG."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from brain_signals import CAP, blink, brain, extra, play
 from interpreter_eeg.config import Config
+from quality_ladder import assert_falls, held
 from slow_signals import T0_NS
 
 FS_HZ, SECONDS = 128.0, 40
@@ -43,22 +42,24 @@ def test_what_is_no_eeg_is_told(samples, word):
     assert len(updates) == SECONDS - 1
 
 
-@pytest.mark.parametrize(
-    "ladder",
-    [
-        lambda k: CLEAN + 4 * k * WHITE,
-        lambda k: CLEAN + 20 * k * TIMES_S[:, None],
-        lambda k: CLEAN + 60 * k * np.sin(2 * np.pi * 50 * TIMES_S)[:, None],
-        lambda k: CLEAN + 40 * k * np.sin(2 * np.pi * 1.3 * TIMES_S)[:, None],
-        lambda k: np.where((0.9 * k > TIMES_S % 10)[:, None], np.nan, CLEAN),
-    ],
-    ids=["noise", "drift", "mains", "motion", "loss"],
-)
-def test_quality_falls_step_by_step(ladder):
-    """Each step of noise, drift, mains, motion and loss lowers the quality on average."""
-    means = [np.mean([u.signal_quality for u in play(ladder(k), FS_HZ, ["Cz"])[20:]]) for k in (0, 1, 2, 4)]
-    assert means[0] > 0.9
-    assert all(one > other for one, other in pairwise(means)), means
+LADDERS = {
+    "noise": lambda x, t_s, k: x + 4 * k * np.random.default_rng(5).normal(size=x.shape),
+    "drift": lambda x, t_s, k: x + 20 * k * t_s,
+    "mains": lambda x, t_s, k: x + 60 * k * np.sin(2 * np.pi * 50 * t_s),
+    "motion": lambda x, t_s, k: x + 40 * k * np.sin(2 * np.pi * 1.3 * t_s),
+    "loss": lambda x, t_s, k: np.where(0.9 * k > t_s % 10, np.nan, x),
+    "held": lambda x, t_s, k: held(x, 1 / t_s[1, 0], 0.09 * k, 10.0),
+    "blinks": lambda x, t_s, k: x + blink(t_s, np.arange(1.0, SECONDS, 10.0 / k), 100.0) if k else x,
+}
+
+
+@pytest.mark.parametrize(("fs_hz", "names"), [(128.0, ("Cz",)), (250.0, ("Fp1", "Fp2", "Cz", "Oz"))])
+@pytest.mark.parametrize("kind", LADDERS)
+def test_quality_falls_step_by_step(kind, fs_hz, names):
+    """Each step of noise, drift, mains, motion, loss, held values and blinks lowers the quality on average."""
+    clean = brain(SECONDS, fs_hz, len(names))
+    t_s = np.arange(len(clean))[:, None] / fs_hz
+    assert_falls(lambda k: play(LADDERS[kind](clean, t_s, k), fs_hz, names)[20:])
 
 
 def test_bad_channels_are_named_and_the_others_go_on():
@@ -156,6 +157,28 @@ def test_what_is_left_of_a_blink_is_no_delta():
     before, last = (play(samples + height * blinks[:, None] * reach, FS_HZ, CAP)[-1] for height in (0, 1))
     assert (np.array(last.delta_uv2) < 2 * np.array(before.delta_uv2)).all()
     assert (extra(last, "excluded")[CAP.index("Cz") :] == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("names", "reach", "height_uv"),
+    [
+        (("Fz", "Cz"), (0.45, 0.2), 250.0),
+        (("F3", "F4", "Cz", "O1"), (0.4, 0.4, 0.2, 0.0), 150.0),
+    ],
+)
+@pytest.mark.parametrize("fs_hz", [128.0, 250.0])
+def test_blinks_that_no_electrode_at_the_forehead_sees_are_left_out(names, reach, height_uv, fs_hz):
+    """Every 3 s, so high at the forehead: named where they come to, no delta is doubled, and they are not counted."""
+    samples = brain(SECONDS, fs_hz, len(names))
+    blinks = blink(np.arange(len(samples)) / fs_hz, np.arange(2.3, SECONDS - 1, 3.0), height_uv)
+    before, last = (play(samples + shown * blinks[:, None] * reach, fs_hz, names)[-1] for shown in (0, 1))
+    assert (np.array(last.delta_uv2) < 2 * np.array(before.delta_uv2)).all()
+    told = next(reason for reason in last.reasons if "(blinks)" in reason)
+    assert all(name in told for name, share in zip(names, reach, strict=True) if share)
+    assert not any("blinks)" in reason for reason in before.reasons)
+    assert np.isnan(extra(last, "blink_count")[0])
+    assert "blink_count: no electrode at the forehead; blinks may be in delta" in last.reasons
+    assert not len(extra(last, "blink_age"))
 
 
 def test_a_pop_of_one_electrode_is_no_blink():

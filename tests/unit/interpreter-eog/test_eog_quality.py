@@ -1,13 +1,12 @@
 """What is published when the signal is poor, absent, or no eye."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from eog_signals import eyes
 from interpreter_eog.config import Config
 from interpreter_eog.features import speed_limit
 from interpreter_eog.stream import EogStream
+from quality_ladder import assert_falls, held
 from sense4hri.names import StreamName
 from sense4hri.stream_info import StreamInfo
 from slow_signals import event_times_s
@@ -21,9 +20,9 @@ CLEAN = eyes(SECONDS, FS_HZ, BLINKS_S, GAZE)
 NOISE = np.random.default_rng(1).normal(size=CLEAN.shape)
 
 
-def play(samples, unit="uV", names=("heog", "veog"), **options):
+def play(samples, unit="uV", names=("heog", "veog"), fs_hz=FS_HZ, **options):
     """Updates of potentials."""
-    return play_signal(lambda info: EogStream(Config(), info), samples, FS_HZ, "eog", unit, names=names, **options)
+    return play_signal(lambda info: EogStream(Config(), info), samples, fs_hz, "eog", unit, names=names, **options)
 
 
 @pytest.mark.parametrize(
@@ -70,22 +69,23 @@ def test_a_rate_is_that_of_the_time_in_which_something_could_be_seen(blind, opti
     np.testing.assert_allclose([update.saccade_rate_per_min for update in sure], 24, atol=3.5)
 
 
-@pytest.mark.parametrize(
-    "ladder",
-    [
-        lambda x, k: x + 6 * k * NOISE,
-        lambda x, k: x + 400 * k * TIMES_S / 60,
-        lambda x, k: x + 8 * k * np.sin(2 * np.pi * 50.3 * TIMES_S),
-        lambda x, k: x + np.where(1.2 * k > TIMES_S % 20, 3000.0, 0.0),
-        lambda x, k: np.where(1.4 * k > TIMES_S % 10, np.nan, x),
-    ],
-    ids=["noise", "drift", "mains", "motion", "loss"],
-)
-def test_quality_falls_step_by_step(ladder):
-    """Each step of noise, drift, mains, motion and loss lowers the quality on average."""
-    means = [np.mean([u.signal_quality for u in play(ladder(CLEAN, k))[10:]]) for k in (0, 1, 2, 4)]
-    assert means[0] > 0.9
-    assert all(one > other for one, other in pairwise(means)), means
+LADDERS = {
+    "noise": lambda x, t_s, k: x + 6 * k * np.random.default_rng(1).normal(size=x.shape),
+    "drift": lambda x, t_s, k: x + 400 * k * t_s / 60,
+    "mains": lambda x, t_s, k: x + 8 * k * np.sin(2 * np.pi * 50.3 * t_s),
+    "motion": lambda x, t_s, k: x + np.where(1.2 * k > t_s % 20, 3000.0, 0.0),
+    "loss": lambda x, t_s, k: np.where(1.4 * k > t_s % 10, np.nan, x),
+    "held": lambda x, t_s, k: held(x, 1 / t_s[1, 0], 0.15 * k, 5.0),
+}
+
+
+@pytest.mark.parametrize("fs_hz", [FS_HZ, 250.0])
+@pytest.mark.parametrize("kind", LADDERS)
+def test_quality_falls_step_by_step(kind, fs_hz):
+    """Each step of noise, drift, mains, motion, loss and held values lowers the quality on average."""
+    clean = eyes(SECONDS, fs_hz, BLINKS_S, GAZE)
+    t_s = np.arange(len(clean))[:, None] / fs_hz
+    assert_falls(lambda k: play(LADDERS[kind](clean, t_s, k), fs_hz=fs_hz)[10:])
 
 
 def test_of_one_channel_the_features_of_the_other_are_missing():

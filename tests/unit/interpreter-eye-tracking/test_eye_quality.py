@@ -1,12 +1,11 @@
 """What is published when gaze is noise, frozen, lost, doubted or without a scale."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from gaze import EYELINK_HZ, EYELINK_PX_PER_DEG, extra_of, eyelink, in_deg, looking
 from interpreter_eye_tracking.config import Config
 from interpreter_eye_tracking.stream import EyeStream
+from quality_ladder import assert_falls, held
 from sense4hri.names import StreamName
 from sense4hri.stream_info import StreamInfo
 
@@ -119,26 +118,42 @@ def test_what_ended_before_the_tracker_hung_is_told_with_the_problem():
     assert len(extra_of(update, "fixation_x")) == len(update.fixation_timestamps)
 
 
-@pytest.mark.parametrize("unit", ["deg", "px"])
-@pytest.mark.parametrize(
-    "ladder",
-    [
-        lambda x, k: x + np.random.default_rng(1).normal(0, 0.4 * k, x.shape),
-        lambda x, k: x + np.column_stack([0.5 * k * TIMES_S, 0 * TIMES_S]),
-        lambda x, k: np.where((np.random.default_rng(2).random(len(x)) < 0.12 * k)[:, None], np.nan, x),
-        lambda x, k: np.where((1.2 * k > TIMES_S % 6)[:, None], np.nan, x),
-    ],
-    ids=["noise", "drift", "loss", "away"],
-)
-def test_quality_falls_step_by_step(ladder, unit):
-    """Each step of velocity noise, drift, lost samples and looks away lowers the quality on average."""
+# no mains: a camera measures; a head that moves has gaze that moves
+LADDERS = {
+    "noise": lambda x, t_s, k: x + np.random.default_rng(1).normal(0, 0.4 * k, x.shape),
+    "drift": lambda x, t_s, k: x + 0.5 * k * t_s * (1, 0),
+    "loss": lambda x, t_s, k: np.where((np.random.default_rng(2).random(len(x)) < 0.12 * k)[:, None], np.nan, x),
+    "away": lambda x, t_s, k: np.where(1.2 * k > t_s % 6, np.nan, x),
+    "held": lambda x, t_s, k: held(x, 1 / t_s[1, 0], 0.15 * k, 2.0),
+}
+
+
+@pytest.mark.parametrize(("unit", "fs_hz"), [("deg", FS_HZ), ("px", FS_HZ), ("deg", 500.0)])
+@pytest.mark.parametrize("kind", LADDERS)
+def test_quality_falls_step_by_step(kind, unit, fs_hz):
+    """Each step of velocity noise, drift, lost samples, looks away and held gaze lowers the quality on average."""
     scale = 1.0 if unit == "deg" else 40.0
-    means = [
-        np.mean([u.signal_quality for u in in_deg(scale * ladder(CLEAN, k), FS_HZ, make, unit=unit)[5:]])
-        for k in (0, 1, 2, 4)
-    ]
-    assert means[0] > 0.9
-    assert all(one > other for one, other in pairwise(means)), means
+    clean, _ = looking(fs_hz, np.random.default_rng(7).uniform([-15, -10], [15, 10], (60, 2)), noise=0.05)
+    t_s = np.arange(len(clean))[:, None] / fs_hz
+    assert_falls(lambda k: in_deg(scale * LADDERS[kind](clean, t_s, k), fs_hz, make, unit=unit)[5:])
+
+
+@pytest.mark.parametrize("fs_hz", [60.0, 120.0, 1000.0])
+def test_gaze_that_is_held_is_no_fixation(fs_hz):
+    """0.7 s of one gaze in every 3 s: no fixation holds them, they are no blink, and no sample of them is valid."""
+    clean, _ = looking(fs_hz, np.random.default_rng(7).uniform([-15, -10], [15, 10], (60, 2)), noise=0.05)
+    updates = in_deg(held(clean, fs_hz, 0.7 / 3, 3.0), fs_hz, make)
+    assert max(ms for update in updates for ms in update.fixation_durations_ms) < 500
+    assert updates[-1].blink_count == 0
+    assert updates[-1].valid_ratio < 0.85
+
+
+@pytest.mark.parametrize(("fs_hz", "noise"), [(60.0, 0.01), (120.0, 0.005), (1000.0, 0.005)])
+def test_gaze_of_a_coarse_tracker_is_not_held(fs_hz, noise):
+    """Gaze of little noise, in steps of 0.1 px of which 40 are a degree: all is valid."""
+    clean, _ = looking(fs_hz, np.random.default_rng(7).uniform([-15, -10], [15, 10], (60, 2)), noise=noise)
+    updates = in_deg(np.round(400 * clean) / 10, fs_hz, make, unit="px")
+    assert min(update.valid_ratio for update in updates) == 1.0
 
 
 @pytest.mark.parametrize(("fs_hz", "sd"), [(30.0, 0.3), (120.0, 0.3), (1000.0, 0.05)])

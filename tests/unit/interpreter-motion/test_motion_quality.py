@@ -1,11 +1,10 @@
 """What is published when the acceleration is poor, absent, or no motion."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from interpreter_motion.config import Config
 from interpreter_motion.stream import MotionStream
+from quality_ladder import assert_falls, held
 from sense4hri.names import StreamName
 from sense4hri.stream_info import StreamInfo
 from slow_signals import play as play_signal
@@ -13,12 +12,11 @@ from walking import GRAVITY, acceleration
 
 FS_HZ, XYZ = 50.0, ("x", "y", "z")
 WALK = acceleration(30, FS_HZ, [(5, 25, 105)])
-TIMES_S = np.arange(len(WALK)) / FS_HZ
 
 
-def play(samples, unit="m/s^2", **options):
+def play(samples, unit="m/s^2", fs_hz=FS_HZ, **options):
     """Updates of an accelerometer."""
-    return play_signal(lambda info: MotionStream(Config(), info), samples, FS_HZ, "accelerometer", unit, XYZ, **options)
+    return play_signal(lambda info: MotionStream(Config(), info), samples, fs_hz, "accelerometer", unit, XYZ, **options)
 
 
 @pytest.mark.parametrize(
@@ -59,25 +57,31 @@ def test_gestures_have_no_steps():
     assert play(2 * shaking / shaking.std() + [0, 0, GRAVITY])[-1].extra[0].values[0] <= 6
 
 
-@pytest.mark.parametrize(
-    "ladder",
-    [
-        lambda x, k: x + np.random.default_rng(1).normal(0, 1.0 * k, x.shape),
-        lambda x, k: x + 0.08 * k * TIMES_S[:, None],
-        lambda x, k: x + 2 * k * np.sin(2 * np.pi * 21 * TIMES_S)[:, None],
-        lambda x, k: np.clip(x, -14 + k, 14 - k) if k else x,
-        lambda x, k: np.where((0.5 * k > TIMES_S % 5)[:, None], np.nan, x),
-    ],
-    ids=["noise", "drift", "hum", "range", "loss"],
-)
-def test_quality_falls_step_by_step(ladder):
-    """Each step of noise, drift, hum, too small a range and loss lowers the quality on average."""
-    means = []
-    for k in (0, 1, 2, 4):
-        limits = {"range_min": -14.0 + k, "range_max": 14.0 - k} if ladder(WALK, 4).max() <= 10 else {}
-        means.append(np.mean([u.signal_quality for u in play(ladder(WALK, k), **limits)[5:]]))
-    assert means[0] > 0.8
-    assert all(one > other for one, other in pairwise(means)), means
+# no motion: it is the signal
+LADDERS = {
+    "noise": lambda x, t_s, k: x + np.random.default_rng(1).normal(0, 1.0 * k, x.shape),
+    "drift": lambda x, t_s, k: x + 0.08 * k * t_s,
+    "mains": lambda x, t_s, k: x + 2 * k * np.sin(2 * np.pi * 60.03 * t_s),
+    "loss": lambda x, t_s, k: np.where(0.5 * k > t_s % 5, np.nan, x),
+    "held": lambda x, t_s, k: held(x, 1 / t_s[1, 0], 0.15 * k, 2.0),
+}
+
+
+@pytest.mark.parametrize("fs_hz", [FS_HZ, 100.0])
+@pytest.mark.parametrize("kind", LADDERS)
+def test_quality_falls_step_by_step(kind, fs_hz):
+    """Each step of noise, drift, mains, loss and held values lowers the quality on average."""
+    walk = acceleration(30, fs_hz, [(5, 25, 105)])
+    t_s = np.arange(len(walk))[:, None] / fs_hz
+    assert_falls(lambda k: play(LADDERS[kind](walk, t_s, k), fs_hz=fs_hz)[5:])
+
+
+def test_quality_falls_with_the_range():
+    """The smaller the range of the sensor the lower the quality of a walk that it cuts."""
+    ranges = {0: 14.0, 1: 13.0, 2: 12.0, 4: 10.0}
+    assert_falls(
+        lambda k: play(np.clip(WALK, -ranges[k], ranges[k]), range_min=-ranges[k], range_max=ranges[k])[5:], least=0.8
+    )
 
 
 def test_another_unit_gives_steps_but_no_intensity():

@@ -22,6 +22,7 @@ from interpreter_eda.wander import DOUBT, breathes, wanders
 FS_HZ = (2.0, 8000.0)
 OHMS = ("ohm", "\u03c9")  # in units of resistance, in small letters
 BRIDGED_S = 1.0  # a shorter hole hides nothing of a response
+HELD_S, HELD_PERIODS = 0.3, 3.0  # exactly the same for longer, in s and in samples, is no signal
 LOOK_S = 30.0  # of the past in which a response is looked for
 APART_NS = SECOND_NS // 2  # between two peaks
 NEEDS_S = 10.0  # of signal before rates and trends are told
@@ -85,6 +86,7 @@ class EdaStream:
         self._column = names.index("eda") if "eda" in names else 0
         self._scale = 1.0 if info.unit == "uS" else np.nan  # what makes amplitudes of the channel microsiemens
         self._period_s = 1 / fs_hz if fs_hz else 0.0
+        self._held_s = max(HELD_S, HELD_PERIODS / fs_hz) if fs_hz else BRIDGED_S
         self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S, filled=True)
         self._slow, self._motion = Slow(1, BRIDGED_S), Motion()
         self._presence = Presence(round(config.window_s / config.update_interval_s))
@@ -181,7 +183,7 @@ class EdaStream:
         self._responses = [each for each in self._responses if each.peak_ns > start_ns]
         tonic, trend = self._tonic[here], features.trend_per_min(self._tonic[here])
         noise = float(np.nanmax([_median(self._spread[here]), ripple]))
-        held = frozen(self._raw[:, None], round(BRIDGED_S * GRID_HZ))
+        held = frozen(self._raw[:, None], round(self._held_s * GRID_HZ))
         told = np.isfinite(raw) & ~self._withheld[here]
         told_of, moving = np.count_nonzero(told), np.count_nonzero(told & ~held[here])
         filled = min(1.0, moving / max(1.0, window_s * GRID_HZ - 1), self._presence.share())

@@ -13,7 +13,8 @@ SHORT_S = 0.5  # changes over this and over twice this are compared
 GROWS = (1.6, 2.6)  # power of the longer over that of the shorter changes: noise 1, a walk 2, skin 3 to 4
 ALIKE = 0.7  # skewness of changes: below it falls are like rises; skin has 1.4 to 5, of either sign by the amplifier
 NEEDS_S = 15.0  # of signal without a hole
-BREATHS_S, BREATH_S, EVENLY = 30.0, (2.0, 8.0), 0.4  # looked at; period; autocorrelation of changes after one and two
+SWINGS = (30.0, (2.0, 8.0)), (55.0, (8.0, 20.0))  # looked at, and periods: of breaths, of a cable or a hand that sways
+EVENLY = 0.4  # autocorrelation of changes after one period and after two
 DOUBT = 0.5  # by which the quality is multiplied
 
 Floats = NDArray[np.float64]
@@ -33,9 +34,14 @@ def wanders(raw: Floats) -> bool:
 
 def breathes(raw: Floats) -> bool:
     """Return whether the newest of raw, shape (n,) without NaN, rises and falls alike and evenly, as a chest does."""
-    changes = _changes(raw[-round(BREATHS_S * GRID_HZ) :], SHORT_S)
-    first, last = (round(period_s * GRID_HZ) for period_s in BREATH_S)
-    if len(raw) < BREATHS_S * GRID_HZ or not changes.any() or abs(_skewness(changes)) >= ALIKE:
+    return any(_swings(raw, look_s, period_s) for look_s, period_s in SWINGS)
+
+
+def _swings(raw: Floats, look_s: float, period_s: tuple[float, float]) -> bool:
+    """Return whether the newest look_s of raw rise and fall alike, and again after one and two such periods."""
+    changes = _changes(raw[-round(look_s * GRID_HZ) :], SHORT_S)
+    first, last = (round(each_s * GRID_HZ) for each_s in period_s)
+    if len(raw) < look_s * GRID_HZ or not changes.any() or abs(_skewness(changes)) >= ALIKE:
         return False
     changes = changes - changes.mean()
     alike = np.array([np.mean(changes[lag:] * changes[: len(changes) - lag]) for lag in range(2 * last + 2)])

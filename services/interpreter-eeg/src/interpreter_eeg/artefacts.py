@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from interpreter_eeg.montage import FOREHEAD, Montage
+from interpreter_eeg.montage import BEHIND, FOREHEAD, Montage
 
 FLAT_UV = 0.5  # peak to peak, in a segment: less is no EEG
 LARGE_UV = 1000.0  # rms of the bands, in a segment: more is no EEG, and of a whole window it is another unit
@@ -21,6 +21,7 @@ MISSING, LONGEST_MISSING_S = 0.1, 0.15  # share of a segment, and length, up to 
 JUMP_S, AROUND_S, JUMP, JUMP_NOISES, JUMP_SPREADS, JUMP_UV = 0.016, 0.1, 0.6, 10.0, 3.0, 40.0
 SMOOTH_S, BLINK_NOISES, BLINK_S = 0.06, 5.0, (0.04, 0.6)  # width at half height
 BOTH_SIDES = 0.3  # of the other side's height that a blink has at least
+SHARE_BEHIND = 0.4  # of a blink's height that electrodes behind the forehead show
 # Of a blink: how far round its peak, and from which share of its height or of a channel's noise a segment is spoilt.
 NEAR_S, SPREADS, STANDS_OUT = 0.1, 0.3, 2.5
 ROBUST = 1.4826
@@ -107,20 +108,34 @@ def smoothed(segment: Floats, fs_hz: float) -> Floats:
 
 
 def blinks(segment: Floats, fs_hz: float, montage: Montage, usable: Bools, floor: float) -> Blinks:
-    """Return the blinks that the usable electrodes of the forehead see: on both sides, where both are there."""
+    """Return the blinks that the usable electrodes of the forehead see: on both sides, where both are there.
+
+    Without any of them those behind it have to do: what stands out there spoils channels, but is counted as no blink.
+    """
     sides = [[column for column in montage.present(side) if usable[column]] for side in FOREHEAD]
-    none = Blinks([], np.zeros(segment.shape[1], bool))
-    if not any(sides):
-        return none
     level = smoothed(segment, fs_hz)
     level -= np.median(level, axis=0)
+    if not any(sides):
+        return Blinks([], _behind(level, fs_hz, montage, usable, floor))
     left, right = (level[:, side].mean(axis=1) if side else None for side in sides[:2])
     forehead = _levelled(level[:, [column for side in sides for column in side]].mean(axis=1))
     peaks = [peak for peak in _bumps(forehead, fs_hz, floor) if _on_both_sides(left, right, peak)]
-    if not peaks:
-        return none
-    reach = [_reached(level, forehead, peak, max(1, round(NEAR_S * fs_hz))) for peak in peaks]
-    return Blinks(peaks, np.asarray(np.any(reach, axis=0)))
+    return Blinks(peaks, _spoilt(level, forehead, peaks, fs_hz))
+
+
+def _behind(level: Floats, fs_hz: float, montage: Montage, usable: Bools, floor: float) -> Bools:
+    """Return which channels show what would be a blink by the usable electrodes behind the forehead."""
+    columns = [column for column in montage.present(BEHIND) if usable[column]]
+    if not columns:
+        return np.zeros(level.shape[1], bool)
+    nearest = _levelled(level[:, columns].mean(axis=1))
+    return _spoilt(level, nearest, _bumps(nearest, fs_hz, SHARE_BEHIND * floor), fs_hz)
+
+
+def _spoilt(level: Floats, seen: Floats, peaks: list[int], fs_hz: float) -> Bools:
+    """Return which channels show one of the blinks that were seen with these peaks."""
+    reach = [_reached(level, seen, peak, max(1, round(NEAR_S * fs_hz))) for peak in peaks]
+    return np.asarray(np.any(reach, axis=0)) if reach else np.zeros(level.shape[1], bool)
 
 
 def _levelled(level: Floats) -> Floats:

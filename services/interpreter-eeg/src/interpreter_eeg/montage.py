@@ -27,6 +27,7 @@ ONLY_BIOSEMI = re.compile(r"A([3-9]|[12]\d|3[0-2])|B([1-9]|[12]\d|3[0-2])")  # n
 LINKED = (("A1", "A2"), ("M1", "M2"), ("TP9", "TP10"))
 PAIRS = (("F3", "F4"), ("F7", "F8"), ("F5", "F6"), ("F1", "F2"), ("AF3", "AF4"), ("AF7", "AF8"), ("Fp1", "Fp2"))
 FOREHEAD = (("Fp1", "AF7", "AF3"), ("Fp2", "AF8", "AF4"), ("Fpz", "AFz"))  # left, right, middle
+BEHIND = ("Fz", "F1", "F2", "F3", "F4")  # where blinks are looked for without one of them
 FRONTAL = ("Fz", "F1", "F2", "F3", "F4", "FCz")  # theta of theta over alpha
 PARIETAL = ("Pz", "P1", "P2", "P3", "P4", "POz")  # its alpha
 POPE = ("Cz", "Pz", "P3", "P4")  # of the engagement index (Pope, Bogart & Bartolome 1995)

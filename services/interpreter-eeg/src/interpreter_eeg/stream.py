@@ -181,7 +181,7 @@ class EegStream:
         if np.isnan(peak_hz) and not window.bad.all():
             reasons.append("alpha_peak: none stands out")
         if not self._montage.has_forehead():
-            reasons.append("blink_count: no electrode at the forehead")
+            reasons.append("blink_count: no electrode at the forehead; blinks may be in delta")
         return reasons + list(found.reasons)
 
     def _folded(self) -> list[str]:

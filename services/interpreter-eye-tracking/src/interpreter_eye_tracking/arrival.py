@@ -4,12 +4,14 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from sense4hri.living import frozen
 from sense4hri.stamps import SECOND_NS
 from sense4hri.stream_info import StreamInfo
 
 from interpreter_eye_tracking.features import SHORTEST_LOSS_S
 
 FROZEN_S = 2.0  # no eye is still for so long to the last digit
+HELD_S, LOOK_S = 0.1, 10.0  # nor for so long where the tracker showed its noise in the last LOOK_S
 ABSENT = 2.5  # sample periods between two samples beyond which one is missing for certain
 IRREGULAR = 0.5  # share of the period by which an interval is off
 FAR = 10.0  # spans of the range that no gaze lies beyond it; trackers mark what is lost with such numbers
@@ -23,8 +25,9 @@ Times = NDArray[np.int64]
 class Arrived(NamedTuple):
     """Samples, and a point of NaN for each hole between them. gaze: shape (n, 2), NaN where lost; holes: shape (n,).
 
-    stuck: shape (2,), of x and y: in how many samples it is frozen while the other is not. since_ns: since when all is
-    frozen that came before; None where it is not.
+    Gaze that is frozen or held is a hole as well: nothing is known of the eye. stuck: shape (2,), of x and y: in how
+    many samples it is frozen while the other is not. since_ns: since when all is frozen or held that came before; None
+    where it is not.
     """
 
     times_ns: Times
@@ -65,12 +68,14 @@ class Arrival:
         self._axes_ns = np.zeros(2, np.int64)  # since when x and y have been
         self.frozen = False  # the newest sample is
         self._zeros = 0  # how many of the newest samples are (0, 0)
+        self._recent, self._recent_ns = np.empty((0, 2)), np.empty(0, np.int64)  # gaze of the last LOOK_S
 
     def take(self, samples: Floats, times_ns: Times, period_s: float) -> Arrived:
         """Take the next samples, shape (n, channels), n > 0, of a stream with this time between two of them."""
         gaze = self._seen(samples)
         stuck = self._stuck(gaze, times_ns)
-        since_ns = self._still(gaze, times_ns)
+        dead, since_ns = self._still(gaze, times_ns, self._held(gaze, times_ns, period_s))
+        gaze[dead] = np.nan
         valid = int(np.isfinite(gaze[:, 0]).sum())
         before_ns = self._last_ns if self._last_ns is not None else times_ns[0] - round(period_s * SECOND_NS)
         intervals = np.diff(times_ns, prepend=before_ns) / SECOND_NS / period_s
@@ -82,7 +87,7 @@ class Arrival:
         return Arrived(
             np.insert(times_ns, at, hole_ns),
             np.insert(gaze, at, np.nan, axis=0),
-            np.insert(np.zeros(len(times_ns), bool), at, True),
+            np.insert(dead, at, True),
             len(samples),
             valid,
             missing,
@@ -120,8 +125,18 @@ class Arrival:
         self._axes_ns = since_ns[-1]
         return np.asarray((still & ~still[:, ::-1]).sum(axis=0), float)
 
-    def _still(self, gaze: Floats, times_ns: Times) -> int | None:
-        """Blot out of gaze what has not changed for FROZEN_S; return since when what came before has not, or None."""
+    def _held(self, gaze: Floats, times_ns: Times, period_s: float) -> NDArray[np.bool_]:
+        """Return which gaze is the same for more than HELD_S, of a tracker that shows its noise otherwise."""
+        kept = slice(int(np.searchsorted(self._recent_ns, times_ns[-1] - round(LOOK_S * SECOND_NS))), None)
+        self._recent = np.concatenate([self._recent[kept], gaze])
+        self._recent_ns = np.concatenate([self._recent_ns[kept], times_ns])
+        return frozen(self._recent, max(2, round(HELD_S / period_s)))[-len(gaze) :]
+
+    def _still(self, gaze: Floats, times_ns: Times, held: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], int | None]:
+        """Return which gaze is held or has not changed for FROZEN_S, and since when, where what came before goes on so.
+
+        The latter is None where it does not.
+        """
         moved = np.asarray((gaze != np.concatenate([self._last[None], gaze[:-1]])).any(axis=1))  # NaN differs from NaN
         starts = np.flatnonzero(moved)
         first = np.concatenate([[0] if len(starts) == 0 or starts[0] else [], starts]).astype(int)
@@ -129,9 +144,8 @@ class Arrival:
         ends = np.append(first[1:], len(gaze))
         long = times_ns[ends - 1] - begin_ns >= FROZEN_S * SECOND_NS
         self._last, self._same_ns, self.frozen = gaze[-1].copy(), int(begin_ns[-1]), bool(long[-1])
-        for k in np.flatnonzero(long).tolist():
-            gaze[first[k] : ends[k]] = np.nan
-        return int(begin_ns[0]) if long[0] and not moved[0] else None
+        dead = held | np.repeat(long, ends - first)
+        return dead, int(begin_ns[0]) if dead[0] and not moved[0] else None
 
 
 def bounds_of(info: StreamInfo) -> tuple[float, float]:

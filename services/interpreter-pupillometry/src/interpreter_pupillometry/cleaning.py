@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from sense4hri.living import LONGEST_HELD_S, held
 from sense4hri.stamps import SECOND_NS
 
 from interpreter_pupillometry.features import Pupils, together, valid_sizes
@@ -67,7 +68,14 @@ class Cleaning:
         self._eyes[self.times_ns >= since_ns, eye] = np.nan
 
     def _cleaned(self, sizes: Floats) -> Floats:
+        sizes = np.where(self._held(sizes), np.nan, sizes)
         return np.where(valid_sizes(sizes, self.times_ns, self._mm), sizes, np.nan)
+
+    def _held(self, sizes: Floats) -> NDArray[np.bool_]:
+        """Which samples repeat one size for longer than a pupil that the tracker sees; zeros, of a lost eye, do not."""
+        span_s = (self.times_ns[-1] - self.times_ns[0]) / SECOND_NS
+        longest = LONGEST_HELD_S * (len(sizes) - 1) / span_s if span_s > 0 else np.inf
+        return held(np.where(sizes > 0, sizes, np.nan)[:, None], longest)[:, 0]
 
     def _learn_offset(self, differences: Floats, times_ns: Times) -> None:
         known = differences[np.isfinite(differences)]

@@ -219,7 +219,7 @@ class PupilStream:
         if self._frozen(end_ns):
             return f"the pupil is frozen: the same size to the last digit for {FROZEN_S:g} s"
         if not np.isfinite(sizes).any():
-            return "no pupil in the window: eyes closed, or lost by the tracker"
+            return "no pupil in the window: eyes closed, lost by the tracker, or one size held"
         known = self._cleaning.pupils.size[self._cleaning.pupils.valid]
         noise = features.noise_of(known)
         if noise > max(NOISY * float(np.std(known)), NOISY_SHARE * float(np.median(known))):
@@ -269,7 +269,7 @@ class PupilStream:
             if frozen:
                 reasons.append(f"diameter_{side}: frozen, the same size to the last digit for {FROZEN_S:g} s")
             elif not np.isfinite(sizes).any():
-                reasons.append(f"diameter_{side}: no pupil of this eye in the window")
+                reasons.append(f"diameter_{side}: no pupil of this eye in the window, or one size held")
         if self._unit != "mm":
             reasons.append(f"uncalibrated: sizes are in {self._unit}, not in mm; change_percent is relative to them")
         return reasons
