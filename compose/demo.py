@@ -11,6 +11,7 @@ started.
 import argparse
 import contextlib
 import dataclasses
+import errno
 import json
 import math
 import os
@@ -143,14 +144,25 @@ class _StopFlag:
 
     def _on_hangup(self, number: int, frame: object) -> None:
         self.set = True
-        with open(os.devnull, "w") as nowhere:
-            for output in (sys.stdout, sys.stderr):
-                if not stat.S_ISREG(os.fstat(output.fileno()).st_mode):  # a terminal or a pipe, with nobody behind it
-                    os.dup2(nowhere.fileno(), output.fileno())
+        _speak_to_nobody()
+
+
+def _speak_to_nobody() -> None:
+    """Let what is said from now on go nowhere, but to a file."""
+    with open(os.devnull, "w") as nowhere:
+        for output in (sys.stdout, sys.stderr):
+            if not stat.S_ISREG(os.fstat(output.fileno()).st_mode):  # a terminal or a pipe, with nobody behind it
+                os.dup2(nowhere.fileno(), output.fileno())
 
 
 def _say(text: str) -> None:
-    print(f"{datetime.now(UTC):%H:%M:%S}  {text}", flush=True)
+    """Print a line at once; where the terminal is closed just then it is lost, and SIGHUP is about to come."""
+    try:
+        print(f"{datetime.now(UTC):%H:%M:%S}  {text}", flush=True)
+    except OSError as error:
+        if error.errno != errno.EIO:
+            raise
+        _speak_to_nobody()
 
 
 def _start(children: Children, study: Study, options: argparse.Namespace, work: Path, stop: _StopFlag) -> bool:

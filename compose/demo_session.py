@@ -15,7 +15,7 @@ from sense4hri_msgs.srv import StartSession, StopSession
 from study_file import Study
 from study_watch import StudyWatch
 
-ANSWER_S = 5.0
+ANSWER_S = 20.0  # which only one that hangs takes
 WRITTEN_S = 25.0  # the coordinator gives everybody 10 s to finish and then the recorder another 10 s
 SAY_EVERY_S = 1.0
 MOST_SAID = 4

@@ -135,7 +135,7 @@ def test_a_terminal_that_is_closed_ends_the_demo_and_leaves_no_child_behind(ros_
     study = conducted(tmp_path)
     terminal, its_end = pty.openpty()
     command = [sys.executable, str(ROOT / "compose" / "demo.py"), "--study", str(study), "--recordings", str(tmp_path)]
-    run = subprocess.Popen(command, stdin=its_end, stdout=its_end, stderr=its_end)
+    run = subprocess.Popen(command, stdin=its_end, stdout=its_end, stderr=its_end, preexec_fn=heeds_hangups)
     os.close(its_end)
     os.set_blocking(terminal, False)
     said = bytearray()
@@ -152,6 +152,11 @@ def test_a_terminal_that_is_closed_ends_the_demo_and_leaves_no_child_behind(ros_
     assert run.wait(DEADLINE_S) == 0
     assert len(children) == 1
     assert [pid for pid in children if Path(f"/proc/{pid}").exists()] == []
+
+
+def heeds_hangups() -> None:
+    """Also where the tests run under nohup."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def conducted(folder: Path, more: str = "") -> Path:
