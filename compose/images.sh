@@ -9,9 +9,9 @@ mkdir -p build
 scratch=$(mktemp -d build/images.XXXXXX)
 trap 'rm -rf "$scratch"' EXIT
 
-step() { # name, command: one line with the duration
+step() { # name, command: one line with the duration, beside what the command says on 3
     local started=$SECONDS
-    if ! "${@:2}" > "$scratch/log" 2>&1; then
+    if ! "${@:2}" 3>&1 > "$scratch/log" 2>&1; then
         tail -n 60 "$scratch/log" >&2
         echo "images: $1 failed, see above" >&2
         exit 1
@@ -42,11 +42,12 @@ secrets=(--secret "id=index,src=$scratch/index")
 ca=${PIP_CERT:-${SSL_CERT_FILE:-/etc/ssl/certs/ca-certificates.crt}}
 if [ -f "$ca" ]; then secrets+=(--secret "id=ca,src=$ca"); fi
 
-build() { # tag, Dockerfile, options; a build that stalls (seen with Docker 20.10 on a busy machine) goes on from its cache
-    local attempt
-    for attempt in 1 2 3; do
-        timeout 480 $docker build --progress plain "${secrets[@]}" --tag "$1" --tag "$1:$release" --file "$2" "${@:3}" . </dev/null && return
+build() { # tag, Dockerfile, options; a build that stalls (seen with Docker 20.10 on a busy machine) goes on from its cache, on a slow network with more time
+    local limit_s
+    for limit_s in 480 1920 7680; do
+        timeout "$limit_s" $docker build --progress plain "${secrets[@]}" --tag "$1" --tag "$1:$release" --file "$2" "${@:3}" . </dev/null && return
         [ $? = 124 ] || return 1
+        echo "images: $1 did not end within $limit_s s" >&3
     done
     return 1
 }

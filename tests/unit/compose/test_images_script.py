@@ -18,14 +18,35 @@ mkdir -p "$3/var/cache/apt/archives" "$3/var/lib/apt/lists"
 """
 
 
+SLOW = """#!/bin/sh
+case "$3" in
+    build) [ "$1" -gt 480 ] || exit 124 ;;
+    *) shift; exec "$@" ;;
+esac
+"""
+"""`timeout` where a build takes longer than 480 s."""
+
+
+def images_with(commands: dict[str, str], folder: Path) -> subprocess.CompletedProcess[str]:
+    """What `compose/images.sh recorder` does where these commands are others."""
+    for name, text in commands.items():
+        (folder / name).write_text(text)
+        (folder / name).chmod(0o755)
+    environment = os.environ | {"PATH": f"{folder}:{os.environ['PATH']}"}
+    command = [ROOT / "compose" / "images.sh", "recorder"]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+
+
 def test_a_base_image_that_cannot_be_made_is_told_where_it_failed(tmp_path: Path) -> None:
     """Not as the failure of the first image that is built on it."""
-    for name, text in (("docker", DOCKER), ("debootstrap", DEBOOTSTRAP), ("id", "#!/bin/sh\necho 0\n")):
-        (tmp_path / name).write_text(text)
-        (tmp_path / name).chmod(0o755)
-    environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
-    command = [ROOT / "compose" / "images.sh", "recorder"]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    done = images_with({"docker": DOCKER, "debootstrap": DEBOOTSTRAP, "id": "#!/bin/sh\necho 0\n"}, tmp_path)
     assert done.returncode == 1
     assert "no space left on device" in done.stderr
     assert "images: debian:bookworm-slim from Debian's packages failed, see above" in done.stderr
+
+
+def test_a_build_on_a_slow_network_is_given_more_time(tmp_path: Path) -> None:
+    """It is told each time, for what stalls and what is slow look alike."""
+    done = images_with({"docker": "#!/bin/sh\n", "timeout": SLOW}, tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "images: sense4hri/recorder did not end within 480 s\nimages: sense4hri/recorder: " in done.stdout
