@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
+from processes import poll
+
 PATIENCE_S = 20.0
 """With an answer; a service that gives none within this time counts as dead."""
 MOMENT_S = 0.2
@@ -78,10 +80,14 @@ def told(port: int, path: str) -> tuple[int, bytes]:
 
 
 def described(port: int) -> dict[str, Any]:
-    """What the service says of its routes."""
-    status, body = told(port, "/openapi.json")
-    assert status == 200, body
-    return json.loads(body)
+    """What the service says of its routes, as soon as the machine lets it."""
+    return json.loads(poll(lambda: _ok(told(port, "/openapi.json")), "the routes are told"))
+
+
+def _ok(answer: tuple[int, bytes]) -> bytes:
+    status, body = answer
+    assert status in (0, 200), body
+    return body
 
 
 def assail(port: int, count: int, seed: int, alive: Callable[[], bool] = lambda: True) -> Counter[int]:
