@@ -6,9 +6,11 @@ import time
 from collections import deque
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain
 from typing import Any, NamedTuple
 
 from sense4hri import qos, stamps
+from sense4hri.beats import MAKES_ROOM_S
 from sense4hri.health import realtime_minus_monotonic_ns
 from sense4hri.host_clocks import APART_S, MOST_HOSTS, PROBES, TOPIC, sanitised, unmeasured
 from sense4hri.service import Service
@@ -143,7 +145,7 @@ class Reference(Answers):
     def _meet(self, host: str) -> None:
         if host in self._peers or host == self._host or host != sanitised(host):
             return
-        if len(self._peers) >= MOST_HOSTS and not self._forget_a_mute_one():
+        if len(self._peers) >= MOST_HOSTS and not self._forget_a_silent_one():
             self._service.refuse(PROBES, "ClockProbe", f"host {host!r} is one more than the {MOST_HOSTS} that can be")
             return
         if not self._peers:
@@ -151,12 +153,18 @@ class Reference(Answers):
             self._service.every(TELL_EVERY_S, self._tell)
         self._peers[host] = Peer()
 
-    def _forget_a_mute_one(self) -> bool:
-        """Forget the host that has been asked longest of those that never answered; False where all have."""
-        mute = next((host for host, peer in self._peers.items() if not peer.estimator.known), None)
-        if mute is not None:
-            del self._peers[mute]
-        return mute is not None
+    def _forget_a_silent_one(self) -> bool:
+        """Forget a host: first one that never answered, asked longest, then one that has long been silent.
+
+        False where all answer.
+        """
+        before_s = time.monotonic() - MAKES_ROOM_S
+        mute = (host for host, peer in self._peers.items() if not peer.estimator.known)
+        gone = (host for host, peer in self._peers.items() if peer.heard_s < before_s)
+        silent = next(chain(mute, gone), None)
+        if silent is not None:
+            del self._peers[silent]
+        return silent is not None
 
     def _ask(self) -> None:
         account_ns = realtime_minus_monotonic_ns()
