@@ -2,13 +2,15 @@
 
 import os
 import re
+import stat
 import subprocess
 from collections.abc import Iterator
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import compose_yaml
-from study_file import Study
+from study_file import Service, Study
 
 from checks.finding import Finding, Places
 from checks.machine import files, taken
@@ -17,6 +19,7 @@ SCRIPT = Path(__file__).resolve().parents[1] / "docker.sh"
 ANSWER_S = 20.0
 OURS = "sense4hri/"
 MOST_PORT = 65535
+MOST_LOOKED_AT = 10_000
 PORT = re.compile(
     r"(?:(?P<address>[\d.]+|\[[0-9a-fA-F:]+\]):)?(?P<first>\d+)(?:-(?P<last>\d+))?:[\d-]+(?:/(?P<protocol>\w+))?"
 )
@@ -55,6 +58,8 @@ def findings(study: Study, places: Places) -> Iterator[Finding]:
     yield from _images(study, places)
     for service in study.services:
         yield from files(service, places)
+    for service in (*study.services, *study.on_request):
+        yield from _closed(service, places)
     yield from _ports(study, places)
 
 
@@ -74,6 +79,28 @@ def refusal(file: Path) -> str:
     except subprocess.TimeoutExpired:
         return f"it did not answer within {ANSWER_S:g} s"
     return (done.stderr.strip() or "no reason given") if done.returncode else ""
+
+
+def _closed(service: Service, places: Places) -> Iterator[Finding]:
+    """Yield mounts to be read that other users may not read: a checkout made under umask 077 is its owner's alone.
+
+    A container runs as a user of its own (`user:`, or its image's).
+    """
+    for target in sorted(service.read_only & service.mounts.keys()):
+        source = service.mounts[target]
+        if source.startswith("/") and (closed := next(_unreadable(Path(source)), None)):
+            text = f"{closed} may be read by its owner alone, not by the user in the container: chmod -R a+rX {source}"
+            yield places.warning(f"services.{service.name}.volumes", text, target)
+
+
+def _unreadable(path: Path) -> Iterator[Path]:
+    """Yield files and folders, of the first MOST_LOOKED_AT below this one, that others may not read."""
+    below = (Path(folder, name) for folder, folders, names in os.walk(path) for name in (*folders, *names))
+    for each in islice(chain([path], below), MOST_LOOKED_AT):
+        mode = each.stat().st_mode if each.exists() else 0
+        needed = 0o5 if stat.S_ISDIR(mode) else 0o4 if stat.S_ISREG(mode) else 0
+        if needed & ~mode:
+            yield each
 
 
 def _images(study: Study, places: Places) -> Iterator[Finding]:

@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from ears import Ears
 from processes import Process, poll
 from sense4hri import diagnostics, qos
+from sense4hri.beats import MAKES_ROOM_S
 from sense4hri.host_clocks import MOST_HOSTS, PROBES, TOPIC, HostClocks
 from sense4hri.recorder_status import NAME
 from sense4hri_msgs.msg import ClockProbe, HostClock, HostClockArray
@@ -53,7 +54,7 @@ def test_another_hosts_clock_is_measured_stepped_and_missed(start, clock, ears):
     assert 0 < found.round_trip_s / 2 <= found.uncertainty_s
     ears.until(lambda: {"clock_sync", "clock_sync_lab_b"} <= set(ears.node.get_node_names()), "both by their names")
     clocks = HostClocks()
-    clocks.take(arrays[-1])
+    clocks.take(arrays[-1], 0.0)
     assert abs(clocks.reference_ns("lab-b", clock.now_ns()) - time.time_ns()) < 2 * RIGHT_NS
     metric = 'sense4hri_host_clock_offset_seconds{field="lab_b",service="clock_sync"} -1.5'
     alternative = metric.replace("-1.5", "-1.49")
@@ -156,6 +157,32 @@ def test_a_host_finds_room_among_names_that_nobody_has():
     assert len(reference._peers) == MOST_HOSTS
     assert {"lab_b", "lab_c"} <= reference._peers.keys()
     service.refuse.assert_not_called()
+
+
+def test_a_host_finds_room_among_names_that_have_long_been_silent(monkeypatch):
+    """Who has answered under a hundred names, and does no more, keeps a host out for ten minutes, not for ever."""
+    now_s = time.monotonic()
+    monkeypatch.setattr(time, "monotonic", lambda: now_s)
+    reference = Reference(service := MagicMock(config=Config()), "lab_a")
+
+    def answers(*names: str) -> None:
+        reference._ask()
+        for name in names:
+            number, asked_ns, _ = reference._peers[name].pending[-1]
+            told = ClockProbe(from_host="lab_a", to_host=name, sequence=number, t1_ns=asked_ns, t2_ns=5, t3_ns=6)
+            reference._hear(told, {"received_timestamp": asked_ns + 1000})
+
+    names = [f"x_{number}" for number in range(MOST_HOSTS)]
+    for name in names:
+        reference._meet(name)
+    answers(*names)
+    reference._meet("lab_b")
+    service.refuse.assert_called_once()
+    now_s += MAKES_ROOM_S + 1.0
+    answers(names[0])
+    reference._meet("lab_b")
+    assert len(reference._peers) == MOST_HOSTS
+    assert {"lab_b", names[0]} <= reference._peers.keys()
 
 
 def test_the_recorders_host_is_the_reference(start: Callable[..., Process], tmp_path, ears):

@@ -4,22 +4,26 @@ import json
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from ears import Ears
 from processes import Process
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue, SetParametersResult
 from rcl_interfaces.srv import SetParameters
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sense4hri import qos
+from sense4hri import diagnostics, qos
+from sense4hri.recorder_status import NAME
 from sense4hri.stamps import from_ns
 from sense4hri_msgs.msg import PhysioRaw, SensorAssignmentArray, SensorInfoArray, SessionState
 from sense4hri_msgs.srv import AssignSensor, ListSensors
 
+OVER_AFTER_S = 3.0
 DRIVER = """
 import asyncio, sys, time
 import numpy as np
@@ -82,8 +86,8 @@ class Cast:
         self._script = folder / "driver.py"
         self._script.write_text(DRIVER)
 
-    def registry(self) -> Process:
-        return self._start("metadata_registry", database=self._folder / "registry.sqlite")
+    def registry(self, **parameters: Any) -> Process:
+        return self._start("metadata_registry", database=self._folder / "registry.sqlite", **parameters)
 
     def assign(self, *arguments: str) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, "-m", "metadata_registry.cli", *arguments]
@@ -286,6 +290,42 @@ def test_a_participant_is_told_and_deleted(peer: Peer, cast: Cast, is_killed: bo
     assert registry.ask("/participants") == (200, [])
     assert registry.ask("/participants/p1")[0] == 404
     assert registry.stop() == 0
+
+
+def test_a_session_that_nobody_conducts_or_records_any_more_is_over(peer: Peer, cast: Cast) -> None:
+    """Its coordinator was killed while it recorded: those who took part can be deleted, but not while it is recorded.
+
+    Nor while no recorder says that it is not, nor a moment after the coordinator has gone; a restart changes nothing.
+    """
+    registry = cast.registry(session_over_after_s=OVER_AFTER_S)
+    sessions = peer.node.create_publisher(SessionState, "/study/session", qos.SESSION)
+    beats = peer.node.create_publisher(DiagnosticArray, diagnostics.TOPIC, qos.HEALTH)
+    sessions.publish(SessionState(session_id="s1", phase=SessionState.RECORDING, human_ids=["p1"], start_at=from_ns(5)))
+    state = lambda: [one["state"] for one in registry.ask("/sessions")[1]]  # noqa: E731
+    peer.wait(lambda: state() == ["running"], "it runs")
+    peer.node.destroy_publisher(sessions)
+
+    def refused(session_id: str | None = None) -> str:
+        if session_id is not None:
+            values = [KeyValue(key="session_id", value=session_id)]
+            beats.publish(DiagnosticArray(status=[DiagnosticStatus(name=NAME, hardware_id="recorder", values=values)]))
+        status, answer = registry.ask("/participants/p1/delete", {"confirm": "p1"})
+        return answer["error"] if status == 409 else ""
+
+    peer.wait(lambda: "no recorder says whether" in refused(), "nobody knows whether it is recorded")
+    peer.wait(lambda: "a recorder still records" in refused("s1"), "it is recorded")
+    passed_s = time.monotonic() + 2 * OVER_AFTER_S
+    peer.wait(lambda: refused("s1") and time.monotonic() > passed_s, "it is recorded for long")
+    assert state() == ["running"]
+    assert registry.stop() == 0
+    registry = cast.registry(session_over_after_s=OVER_AFTER_S)
+    begun_s = time.monotonic()
+    peer.wait(lambda: "no recorder records it, so in" in refused(""), "no recorder records it")
+    peer.wait(lambda: not refused(""), "it is over, and p1 deleted")
+    assert time.monotonic() - begun_s >= OVER_AFTER_S
+    assert state() == ["failed"]
+    assert registry.ask("/participants") == (200, [])
+    registry.until("session 's1' is over")
 
 
 def test_unusable_database_is_a_configuration_error(start: Callable[..., Process], tmp_path: Path) -> None:

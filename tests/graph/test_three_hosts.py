@@ -54,13 +54,19 @@ def test_what_arrives_and_what_is_told_lost_is_all_through_partitions_and_steps(
         assert statistics.median(abs(error_s) for error_s, _ in errors) < NEAR_S, (host, errors)
 
 
-def test_each_hears_each_however_many_there_are(ros_domain, tmp_path):
-    """Six processes on each of two hosts: without multicast, those beyond the fourth of both find each other too."""
+@pytest.mark.parametrize("added", [False, True], ids=["from the start", "one was added"])
+def test_each_hears_each_however_many_there_are(added, ros_domain, tmp_path):
+    """Six processes on each of two hosts: without multicast, those beyond the fourth of both find each other too.
+
+    Also where only those of a host that came later know the other's address: nobody has to be started anew for it.
+    """
     network = SlowNetwork("drive", "keep")
     crowds: list[Process] = []
     try:
         for host, other in (("drive", "keep"), ("keep", "drive")):
             env, before = surroundings(network, host, ros_domain), network.inside(host)
+            if added and host == "drive":
+                env["ROS_STATIC_PEERS"] = ""
             crowds.append(Process(tmp_path / f"{host}.log", CROWD, host, other, env=env, before=before))
         for crowd in crowds:
             crowd.until("all heard")

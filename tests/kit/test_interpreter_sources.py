@@ -1,12 +1,17 @@
 """What an interpreter publishes for each shape and each kind of stream, with toy interpreters as real processes."""
 
 import math
+import re
 from array import array
+from unittest.mock import MagicMock
 
 from processes import DEADLINE_S
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sense4hri import qos
+from sense4hri import metrics, qos
+from sense4hri.interpreter import _Interpreter
+from sense4hri.interpreter_config import InterpreterConfig
+from sense4hri.interpreter_streams import Shape
 from sense4hri.names import StreamName
 from sense4hri.stamps import set_time, to_ns
 from sense4hri_msgs.msg import ECG, EDA, PPG, Marker, PhysioRaw, PhysioRawChannel, Respiration, SensorInfo
@@ -165,3 +170,26 @@ def test_a_best_effort_stream_of_which_nobody_knows_is_learned_from_its_data(sta
     source = Source(ears, name, BEST_EFFORT)
     process = start("toy_interpreter.py")
     ears.until(lambda: source.send(1) or f"{name.topic('raw')}: 100 Hz" in process.log(), "the stream is known")
+
+
+def test_a_stream_that_has_gone_makes_room_among_the_metrics(monkeypatch):
+    """Not while somebody else wears its sensor; what is derived from it goes with it."""
+    monkeypatch.setattr(metrics, "MOST_SERIES", 2)
+    service = MagicMock(config=InterpreterConfig(), metrics=metrics.Metrics("toy"), start=lambda work: work.close())
+    shape = Shape(object, tuple, Respiration, ("ecg", "ppg"), "respiration")
+    interpreter = _Interpreter(service, shape)
+    first, moved, other = (StreamName(*one) for one in (("p1", "ecg", "a"), ("p2", "ecg", "a"), ("p1", "ecg", "b")))
+
+    def shown():
+        text = service.metrics.text().decode()
+        return set(re.findall(r'sense4hri_messages_total{.*sensor_id="(\w+)"', text))
+
+    interpreter._found(first)
+    interpreter._found(moved)
+    interpreter._removed(first)
+    interpreter._found(other)
+    assert shown() == {"a", "a_ecg", "other"}
+    interpreter._removed(other)
+    interpreter._removed(moved)
+    interpreter._found(other)
+    assert shown() == {"b", "b_ecg", "other"}

@@ -548,6 +548,33 @@ def test_images_and_ports_of_containers(tmp_path, monkeypatch):
         assert not any("taken" in each.text for each in found(tmp_path, text, "containers", SESSION_PORT="0"))
 
 
+def test_what_the_user_in_a_container_may_not_read_is_told(tmp_path, monkeypatch):
+    """As after a checkout under umask 077: of a service that always runs, and of one that runs when it is asked for."""
+    engine = {"images": "", "version": "28", "info": str(tmp_path), "ps": ""}
+    monkeypatch.setattr(docker, "_docker", lambda command, *words: engine[command])
+    shown = "  shown:\n    image: shown:1\n    profiles: [shown]\n    volumes: [./panels:/panels:ro]\n"
+    text = RIGHT.replace("[radio:/run/dbus]", "[radio:/run/dbus, ./signals:/signals:ro]").replace(
+        "volumes: {", shown + "volumes: {"
+    )
+    for name in ("signals", "panels"):
+        (tmp_path / name / "of_p1").mkdir(parents=True)
+        (tmp_path / name / "of_p1" / "ecg.csv").touch()
+        for path in (tmp_path / name, *(tmp_path / name).rglob("*")):
+            path.chmod(0o755 if path.is_dir() else 0o644)
+
+    def told() -> list[str]:
+        return [f"{each.severity} {each.text}" for each in found(tmp_path, text, "containers") if "chmod" in each.text]
+
+    assert told() == []
+    for service, name in (("h10-1", "signals"), ("shown", "panels")):
+        for path, open_to_all in ((tmp_path / name / "of_p1", 0o755), (tmp_path / name / "of_p1" / "ecg.csv", 0o644)):
+            path.chmod(open_to_all & 0o700)
+            (said,) = told()
+            assert said.startswith(f"warning services.{service}.volumes: {path} may be read by its owner alone")
+            assert said.endswith(f"chmod -R a+rX {tmp_path / name}")
+            path.chmod(open_to_all)
+
+
 def test_a_bus_that_no_plain_process_makes_is_named(tmp_path):
     """The proxy of containers makes the socket in its volume; a plain process has this machine's where it says so."""
     proxy = f"  bluetooth:\n    extends: {{file: {HOUSE}, service: bluetooth}}\n    volumes: [radio:/run/dbus]\n"

@@ -1,6 +1,8 @@
 """A session begins afresh: its states do not depend on what was before."""
 
+import pytest
 from fused import ECG, NEUTRAL, TREE, at, run
+from fusion_affect import held
 from fusion_affect.fusion import Fusion
 from fusion_affect.state import Expression, State
 from fusion_affect.streams import Rate
@@ -95,3 +97,31 @@ def test_an_unstamped_expression_counts_from_its_receipt() -> None:
         fusion.expression("f1", Expression("angry", 0.9), 0, at(receipt))
         states = run(fusion, 2.0, start=2.6, expression=None)
         assert {s.expression for s in states if s.time_ns == at(3)} == {word}
+
+
+@pytest.mark.parametrize(
+    ("name", "most"), [("", 100), ("x{}", 200)], ids=["one that says much", "many that say little"]
+)
+def test_a_flood_before_a_session_begins_pushes_nobody_out(
+    monkeypatch: pytest.MonkeyPatch, name: str, most: int
+) -> None:
+    """Whatever is stamped ahead of the start waits, within a bound; what a strap and a face said there counts."""
+    monkeypatch.setattr(held, "MOST_OF_ONE", 100)
+    monkeypatch.setattr(held, "MOST", 200)
+    fusion = Fusion(TREE)
+    run(fusion, 10.0)
+    fusion.cut_at(at(10.5))
+    fusion.marker("baseline_start", "", at(10.6))
+    fusion.rate(ECG, "features", Rate(90.0, 0.9), at(10.6))
+    fusion.expression("f1", Expression("angry", 0.9), at(10.6))
+    fusion.faces(("f1",), at(10.6))
+    waiting = []
+    for number in range(1000):
+        if name:
+            fusion.expression(name.format(number), NEUTRAL, at(10.6))
+        else:
+            fusion.marker("baseline_end", "p1", at(10.6))
+        waiting.append(len(fusion._held))
+    assert max(waiting) - 3 <= most
+    states = run(fusion, 6.0, ecg=None, ppg=None, expression=None, start=10.7)
+    assert [(s.heart_rate_bpm, s.expression) for s in states if s.time_ns == at(11)] == [(90.0, "angry")]

@@ -30,6 +30,31 @@ def test_a_flood_of_sensors_grows_no_metric_without_end():
     assert (series["s0"], series["other"]) == (2, 2 * metrics.MOST_SERIES)
 
 
+def test_what_has_gone_makes_room_for_what_comes():
+    """A node that was there under a thousand names keeps no sensor out; what is there, or is back, keeps its series."""
+    made = metrics.Metrics("toy")
+    for number in range(metrics.MOST_SERIES):
+        labels = {"sensor_id": f"s{number}", "sensor_type": "ecg"}
+        made.counter("messages", "Messages.", **labels, field="raw").inc()
+        if number >= 2:
+            made.gone(**labels)
+    made.counter("messages", "Messages.", sensor_id="s2", sensor_type="ecg", field="raw").inc()
+    for number in range(5):
+        made.counter("messages", "Messages.", sensor_id=f"h10_{number}", sensor_type="ecg", field="raw").inc(7)
+    series = values(made)["sense4hri_messages_total"]
+    assert len(series) == metrics.MOST_SERIES
+    assert {name: series.get(name) for name in ("s0", "s1", "s2", "s3", "s7", "s8", "h10_4", "other")} == {
+        "s0": 1,
+        "s1": 1,
+        "s2": 2,
+        "s3": None,
+        "s7": None,
+        "s8": 1,
+        "h10_4": 7,
+        "other": None,
+    }
+
+
 def test_only_labels_of_the_contract():
     """A person's id is no label."""
     with pytest.raises(ValueError, match=r"human_id.*are not of the contract"):

@@ -10,6 +10,7 @@ import os
 import re
 import socket
 from bisect import bisect_right
+from itertools import takewhile
 from typing import Any, NamedTuple, overload
 
 import numpy as np
@@ -23,6 +24,8 @@ from sense4hri.stamps import SECOND_NS, to_ns
 TOPIC = "/study/host_clocks"
 PROBES = "/study/clock_probes"
 MOST_HOSTS = 100
+FRESH_S = 10.0
+"""Each host is told of every second; one that has not been for so long makes room where others come."""
 MOST_SENSORS = 4096
 APART_S = 1e-3
 """Clocks of two hosts that differ by more are told: that is an alarm."""
@@ -59,22 +62,29 @@ class HostClock(NamedTuple):
 
 
 class HostClocks:
-    """What `/study/host_clocks` has said. history: keep all of it, for a recording; else each host's newest entry."""
+    """What `/study/host_clocks` has said. history: keep all of it, for a recording; else each host's newest entry.
+
+    Of MOST_HOSTS at once; a flood of made-up ones keeps no host out once it is over, and pushes out none that is told.
+    """
 
     def __init__(self, history: bool = False) -> None:
         self._history = history
         self._entries: dict[str, list[HostClock]] = {}
+        self._told_s: dict[str, float] = {}  # when each was told of last, the longest ago first
         self.reference = ""
         """The reference host; empty until an entry names it."""
 
-    def take(self, message: Any) -> None:
-        """Take a HostClockArray in. An entry that no clock can have tells nothing of its host."""
+    def take(self, message: Any, now_s: float) -> None:
+        """Take a HostClockArray in. An entry that no clock can have tells nothing of its host.
+
+        now_s: when it came, on any clock that goes on.
+        """
         for entry in message.clocks:
             host = sanitised(entry.host)
-            if host not in self._entries and len(self._entries) >= MOST_HOSTS:
-                continue
             if not (abs(entry.skew_ppm) <= LARGEST_PPM and abs(entry.offset_ns) <= LARGEST_DIFFERENCE_NS):
                 continue  # of a recording; a live one is refused where it enters
+            if host not in self._entries and not self._has_room(now_s):
+                continue
             self.reference = sanitised(entry.reference)
             clock = HostClock(
                 host,
@@ -84,6 +94,8 @@ class HostClocks:
                 to_ns(entry.measured_at),
                 float(entry.uncertainty_s),
             )
+            self._told_s.pop(host, None)
+            self._told_s[host] = now_s
             known = self._entries.setdefault(host, [])
             if self._history and known and known[-1].measured_at_ns < clock.measured_at_ns:
                 known.append(clock)
@@ -91,6 +103,19 @@ class HostClocks:
                 self._set_back(known, clock)
             else:
                 known[-1:] = [clock]
+
+    def _has_room(self, now_s: float) -> bool:
+        """Whether one more can be kept: where as many are as may be, one that is told of no more makes room.
+
+        Of a recording none that was told for as long as that: what it has of a host that left holds for its time.
+        """
+        if len(self._entries) < MOST_HOSTS:
+            return True
+        silent = takewhile(lambda host: now_s - self._told_s[host] > FRESH_S, self._told_s)
+        gone = next((host for host in silent if len(self._entries[host]) < FRESH_S), None)
+        if gone is not None:
+            del self._entries[gone], self._told_s[gone]
+        return gone is not None
 
     @staticmethod
     def _set_back(known: list[HostClock], clock: HostClock) -> None:

@@ -85,9 +85,12 @@ class _Interpreter:
     def _removed(self, name: StreamName) -> None:
         for part in self._parts(name):
             part.close()
-        self._streams.pop(name, None)
+        stream = self._streams.pop(name, None)
         self._neighbours.pop(name, None)
         self._nameless.discard(name)
+        if not any(name[1:] == other[1:] for other in (*self._streams, *self._neighbours)):  # it is on nobody else
+            for gone in {name, name if stream is None else stream.features}:
+                self._service.metrics.gone(sensor_type=gone.sensor_type, sensor_id=gone.sensor_id)
 
     def _parts(self, name: StreamName) -> "list[Stream | Neighbour]":
         found = (self._streams.get(name), self._neighbours.get(name))

@@ -113,11 +113,14 @@ class Neighbour:
 
 
 class Stream:
-    """One source stream: its feed, and the topic of its features. Raises ValueError where that has no legal name."""
+    """One source stream: its feed, and the topic of its features. Raises ValueError where that has no legal name.
+
+    features: what they are called.
+    """
 
     def __init__(self, service: Service[Any], name: StreamName, shape: Shape) -> None:
         self._service, self._name, self._message = service, name, shape.message
-        self._features = shape.features_of(name)
+        self.features = shape.features_of(name)
         self._source: list[Any] = []
         self.input = RawInput(service, name, self._on_raw)
         self._feed = Feed(
@@ -127,11 +130,11 @@ class Stream:
             refused=lambda reason: service.log.error(f"{name.topic('raw')}: cannot be interpreted: {reason}"),
             dropped=self.input.drop,
         )
-        labels = {"sensor_type": self._features.sensor_type, "sensor_id": self._features.sensor_id}
+        labels = {"sensor_type": self.features.sensor_type, "sensor_id": self.features.sensor_id}
         self._published = service.metrics.counter("messages", "Messages handled.", **labels, field="features")
         self._duration = service.metrics.histogram("update_duration_seconds", "Time to take one message in.", **labels)
         self._quality = service.metrics.gauge("signal_quality_ratio", "Of the newest features, 0 to 1.", **labels)
-        self._publisher: Publisher = service.publisher(shape.message, self._features.topic("features"), qos.FEATURES)
+        self._publisher: Publisher = service.publisher(shape.message, self.features.topic("features"), qos.FEATURES)
         self._device = self._listen_to_device() if shape.takes("device_reported") else None
 
     def _listen_to_device(self) -> Any:
@@ -147,7 +150,7 @@ class Stream:
         """Start with what is known of the stream now."""
         rate, unit = info.sampling_frequency_hz, info.unit or "unknown"
         self._service.log.info(f"{self._name.topic('raw')}: {rate:g} Hz, unit {unit} (from {info.source})")
-        if self._features != self._name:
+        if self.features != self._name:
             about = f"source_{self._name.sensor_type}_{self._name.sensor_id}"
             self._source = [wire.feature(about, "Hz", rate)]
         self._publish(self._feed.know(info))
@@ -183,7 +186,7 @@ class Stream:
     def _publish(self, updates: Iterable[Update]) -> None:
         for update in updates:
             message = filling.fill(filling.blank(self._message), update)
-            message.header.frame_id = self._features.sensor_id
+            message.header.frame_id = self.features.sensor_id
             stamps.set_time(message.header.stamp, update.received_ns)
             stamps.set_time(message.device_timestamp, update.device_ns)
             message.extra = [*message.extra, *self._source]

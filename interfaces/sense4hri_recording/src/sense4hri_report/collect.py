@@ -15,7 +15,7 @@ from sense4hri.host_account import HostAccount
 from sense4hri.host_clocks import TOPIC as HOST_CLOCKS
 from sense4hri.host_clocks import HostClocks, SensorHosts
 from sense4hri.names import ROOT, StreamName
-from sense4hri.stamps import to_ns
+from sense4hri.stamps import SECOND_NS, to_ns
 from sense4hri.stream_info import can_be_rate
 from sense4hri_recording import recorder_json, recorder_parts
 from sense4hri_recording.errors import SessionError
@@ -304,8 +304,8 @@ class _Pass:
     def _host_clocks(self, record: Record) -> None:
         message = self._decode(record)
         if message is not None:
-            self._found.sensor_hosts.clocks.take(message)
-            self._newest.take(message)
+            self._found.sensor_hosts.clocks.take(message, record.log_ns / SECOND_NS)
+            self._newest.take(message, record.log_ns / SECOND_NS)
 
     @overload
     def _placed_ns(self, name: StreamName, host_ns: int) -> int: ...

@@ -12,6 +12,7 @@ from sense4hri.host_account import HostAccount
 from sense4hri.host_clocks import TOPIC as HOST_CLOCKS
 from sense4hri.host_clocks import HostClocks, SensorHosts
 from sense4hri.names import StreamName
+from sense4hri.stamps import SECOND_NS
 from sense4hri_recording.reader import Reader, Record
 from sense4hri_recording.recorder_json import RecorderJson
 from sense4hri_recording.strange import stream_of, why_strange
@@ -96,7 +97,7 @@ class Scan:
         elif parsed is not None:
             self._take_measurement(parsed[0].sensor_id, message)
         elif record.topic == HOST_CLOCKS:
-            self.hosts.clocks.take(message)
+            self.hosts.clocks.take(message, record.log_ns / SECOND_NS)
         elif record.topic == "/study/sensors":
             for sensor in message.sensors:
                 self._take_sensor(sensor, record.log_ns)

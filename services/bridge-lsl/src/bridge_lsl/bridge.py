@@ -1,5 +1,6 @@
 """The graph side: which streams become outlets, and what of them is sent."""
 
+import time
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -53,7 +54,7 @@ class Bridge:
         self._service, self._wanted = service, Patterns(service.config.topics)
         self._bridged: dict[str, Bridged] = {}
         self._host_clocks, self._here = HostClocks(), this_host()
-        service.subscribe(HostClockArray, host_clocks.TOPIC, self._host_clocks.take, qos.HOST_CLOCKS)
+        service.subscribe(HostClockArray, host_clocks.TOPIC, self._hear_hosts, qos.HOST_CLOCKS)
         self._offered = service.metrics.gauge("lsl_outlets", "Outlets offered to the Lab Streaming Layer.")
         RawStreams(service, None, self._add, self._remove)
         follow(
@@ -127,6 +128,9 @@ class Bridge:
 
     def _health(self, bridged: Bridged, health: StreamHealth) -> None:
         bridged.host = health.host
+
+    def _hear_hosts(self, told: HostClockArray) -> None:
+        self._host_clocks.take(told, time.monotonic())
 
     def _raw(self, bridged: Bridged, info: StreamInfo, cdr: bytes) -> None:
         chunk = chunk_of(cdr)

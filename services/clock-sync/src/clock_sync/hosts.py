@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain
 from typing import Any, NamedTuple
 
 from sense4hri import qos, stamps
+from sense4hri.beats import MAKES_ROOM_S
 from sense4hri.health import realtime_minus_monotonic_ns
 from sense4hri.host_clocks import APART_S, MOST_HOSTS, PROBES, TOPIC, sanitised, unmeasured
 from sense4hri.service import Service
@@ -16,13 +20,22 @@ from sense4hri_msgs.msg import ClockProbe, HostClock, HostClockArray
 
 from clock_sync.config import Config
 from clock_sync.model import State
-from clock_sync.round_trips import HostEstimator, RoundTrip
+from clock_sync.round_trips import HostEstimator, HostOffset, RoundTrip
 
 LOOK_EVERY_S, ASK_EVERY_S, TELL_EVERY_S = 0.5, 0.2, 1.0
 STEP_EVERY_S = 10.0  # a line of clocks that are stepped
 PENDING = 50  # questions that may still be answered
 STEP_NS = 500_000  # this host's clock set by so much while a question was on its way: the answer tells nothing
 NODE = "clock_sync"
+
+SHOWN: tuple[tuple[str, str, Callable[[HostOffset], float]], ...] = (
+    ("host_clock_offset_seconds", "This host's clock minus another's.", lambda found: found.offset_ns * 1e-9),
+    ("host_clock_uncertainty_seconds", "95 % half width of that.", lambda found: found.uncertainty_s),
+    ("host_clock_skew_ratio", "Rate of this host's clock over another's, minus 1.", lambda one: one.skew_ppm * 1e-6),
+    ("host_clock_round_trip_seconds", "Smallest round trip of the window.", lambda found: found.round_trip_s),
+    ("host_clock_state", "0 warm-up, 1 locked, 2 hold-over.", lambda found: float(found.state)),
+)
+"""Of each host: name of the metric, text, value."""
 
 
 def node_name(host: str, reference: str) -> str:
@@ -143,7 +156,7 @@ class Reference(Answers):
     def _meet(self, host: str) -> None:
         if host in self._peers or host == self._host or host != sanitised(host):
             return
-        if len(self._peers) >= MOST_HOSTS and not self._forget_a_mute_one():
+        if len(self._peers) >= MOST_HOSTS and not self._forget_a_silent_one():
             self._service.refuse(PROBES, "ClockProbe", f"host {host!r} is one more than the {MOST_HOSTS} that can be")
             return
         if not self._peers:
@@ -151,12 +164,18 @@ class Reference(Answers):
             self._service.every(TELL_EVERY_S, self._tell)
         self._peers[host] = Peer()
 
-    def _forget_a_mute_one(self) -> bool:
-        """Forget the host that has been asked longest of those that never answered; False where all have."""
-        mute = next((host for host, peer in self._peers.items() if not peer.estimator.known), None)
-        if mute is not None:
-            del self._peers[mute]
-        return mute is not None
+    def _forget_a_silent_one(self) -> bool:
+        """Forget a host: first one that never answered, asked longest, then one that has long been silent.
+
+        False where all answer.
+        """
+        before_s = time.monotonic() - MAKES_ROOM_S
+        mute = (host for host, peer in self._peers.items() if not peer.estimator.known)
+        gone = (host for host, peer in self._peers.items() if peer.heard_s < before_s)
+        silent = next(chain(mute, gone), None)
+        if silent is not None and self._peers.pop(silent).state is not None:
+            self._show(silent, None)
+        return silent is not None
 
     def _ask(self) -> None:
         account_ns = realtime_minus_monotonic_ns()
@@ -174,20 +193,20 @@ class Reference(Answers):
 
     def _entry(self, host: str, peer: Peer) -> HostClock:
         found = peer.estimator.offset(time.monotonic() - peer.heard_s)
-        gauge = self._service.metrics.gauge
-        gauge("host_clock_offset_seconds", "This host's clock minus another's.", field=host).set(found.offset_ns * 1e-9)
-        gauge("host_clock_uncertainty_seconds", "95 % half width of that.", field=host).set(found.uncertainty_s)
-        gauge("host_clock_skew_ratio", "Rate of this host's clock over another's, minus 1.", field=host).set(
-            found.skew_ppm * 1e-6
-        )
-        gauge("host_clock_round_trip_seconds", "Smallest round trip of the window.", field=host).set(found.round_trip_s)
-        gauge("host_clock_state", "0 warm-up, 1 locked, 2 hold-over.", field=host).set(int(found.state))
+        self._show(host, found)
         self._say(host, peer, found.state, found.offset_ns * 1e-9)
         entry = HostClock(host=host, reference=self._host, offset_ns=found.offset_ns, skew_ppm=found.skew_ppm)
         entry.uncertainty_s, entry.round_trip_s = found.uncertainty_s, found.round_trip_s
         stamps.set_time(entry.measured_at, found.measured_at_ns)
         entry.state = int(found.state)
         return entry
+
+    def _show(self, host: str, found: HostOffset | None) -> None:
+        """Show how a clock stands; None: no alert judges that of a host that is forgotten."""
+        for name, text, of in SHOWN:
+            self._service.metrics.gauge(name, text, field=host).set(math.nan if found is None else of(found))
+        if found is None:
+            self._service.metrics.gone(field=host)
 
     def _say(self, host: str, peer: Peer, state: State, offset_s: float) -> None:
         """Log what has changed: once when it comes, once when it goes."""

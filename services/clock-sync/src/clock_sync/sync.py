@@ -230,6 +230,7 @@ class ClockSync:
         """No alert judges the clock of a device that has gone."""
         for name, text, _ in SHOWN if device.state is not None else ():
             self._service.metrics.gauge(name, text, sensor_id=device.sensor_id).set(math.nan)
+        self._service.metrics.gone(sensor_id=device.sensor_id)
 
     def _show(self, device: Device, model: Model) -> None:
         for name, text, of in SHOWN:

@@ -2,6 +2,7 @@
 
 import asyncio
 import sys
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -61,7 +62,7 @@ class Shell:
         self._published = service.metrics.counter("states", "States published.")
         self._unknown = service.metrics.counter("unknown_states", "States published that are unknown.")
         self._hosts = SensorHosts(HostClocks())
-        service.subscribe(HostClockArray, host_clocks.TOPIC, self._hosts.clocks.take, qos.HOST_CLOCKS)
+        service.subscribe(HostClockArray, host_clocks.TOPIC, self._on_host_clocks, qos.HOST_CLOCKS)
         service.subscribe(SensorAssignmentArray, "/study/assignments", self._on_assignments, qos.ASSIGNMENTS)
         service.subscribe(Marker, "/study/markers", self._on_marker, qos.MARKERS, keep=True)
 
@@ -186,6 +187,9 @@ class Shell:
         self._hosts.told(name.sensor_id, message.host)
         streaming, ends = message.state == StreamHealth.STREAMING, message.state == StreamHealth.STOPPING
         self._fusion.health(name, self._received_ns(name, message), streaming, ends)
+
+    def _on_host_clocks(self, message: HostClockArray) -> None:
+        self._hosts.clocks.take(message, time.monotonic())
 
     def _received_ns(self, name: StreamName, message: Any) -> int:
         """Return a message's receipt stamp on the reference host's clock; 0 = it bears none."""

@@ -12,6 +12,7 @@ from sense4hri.names import StreamName
 from fusion_affect.align import JUMP_NS, ClockModel, Grid
 from fusion_affect.faces import Faces
 from fusion_affect.heart_rate import Baselines, combine
+from fusion_affect.held import Held
 from fusion_affect.persons import People, match, newest_person_ids
 from fusion_affect.state import Expression, State, confidence, extra, indicators, missing
 from fusion_affect.streams import Rate, Streams, live_humans
@@ -53,7 +54,7 @@ class Fusion:
         self._computed: set[str] = set()  # sources that somebody computes, also before they have spoken
         self.unstamped_expressions = 0
         self._cut_ns: int | None = None  # where the next session begins, until it has begun
-        self._held: list[_Input] = []  # of the next session already
+        self._held: Held[_Input] = Held()  # of the next session already
         self._news: deque[tuple[int, Callable[[], None]]] = deque()  # who is who, and from when on
         self._begin()
 
@@ -272,7 +273,7 @@ class Fusion:
         self._on_news()
         before_the_cut = given.moves and given.stamp_ns < self._floor_ns - JUMP_NS  # another recording, other sources
         if before_the_cut or self._grid.stepped_back(given.source, given.stamp_ns):  # as when a replay starts over
-            self._held.clear()
+            self._held.take()
             self._learn_all()
             self._begin_afresh(0)
         if given.stamp_ns < self._floor_ns:
@@ -285,7 +286,7 @@ class Fusion:
         if self._cut_ns is None or given.stamp_ns < self._cut_ns:
             given.put()
         else:
-            self._held.append(given)
+            self._held.put(given.source, given)
             self._cut()
 
     def _forget(self, source: str) -> None:
@@ -293,7 +294,7 @@ class Fusion:
         if self._grid.forget(source):  # what bore no stamp got its time
             self._learn_all()
             self._faces = Faces(self._tree.limits)
-        self._held = [given for given in self._held if given.source != source]
+        self._held.forget(source)
 
     def _cut(self) -> bool:
         """Begin the session once every grid point before it is done; True where that was now."""
@@ -301,8 +302,7 @@ class Fusion:
             return False
         self._begin_afresh(self._cut_ns)
         self._cut_ns = None
-        held, self._held = self._held, []
-        for given in held:
+        for given in self._held.take():
             self._take(given)
         return True
 

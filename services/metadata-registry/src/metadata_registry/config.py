@@ -19,4 +19,11 @@ class Config(Schema):
         unit="s",
         low=0.01,
     )
+    session_over_after_s: float = parameter(
+        120.0,
+        help="a session that nobody records is over once no session-coordinator has been there for so long; at least"
+        " that one's resume_within_s",
+        unit="s",
+        low=1.0,
+    )
     answer_timeout_s: float = parameter(2.0, help="how long a driver may take to answer", unit="s", low=0.01)

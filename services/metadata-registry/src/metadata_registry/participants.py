@@ -12,6 +12,8 @@ from metadata_registry.registry import Registry
 from metadata_registry.sensors import Sensor
 from metadata_registry.store import Assignment, Store
 
+RUNS = "which runs: stop it first"
+
 
 @dataclass(frozen=True)
 class Participant:
@@ -65,10 +67,13 @@ class Participants:
             sessions=tuple(past.sessions(human_id)),
         )
 
-    def remove(self, human_id: str, worn_now: Iterable[str], preparing: Session | None = None) -> Removed:
+    def remove(
+        self, human_id: str, worn_now: Iterable[str], preparing: Session | None = None, runs: str = RUNS
+    ) -> Removed:
         """Take one participant out, for ever. worn_now: sensors that it wears or is to wear now.
 
-        preparing: the session that is about to begin, which would bring its participants back.
+        preparing: the session that is about to begin, which would bring its participants back. runs: what is said of
+        one that runs.
         Raises Refusal where the pseudonym is not known, is still worn, or is in a session that runs or is prepared.
         """
         others = self._others(human_id)
@@ -77,7 +82,7 @@ class Participants:
             raise Refusal(f"{wears}: assign it to '{UNASSIGNED}' first", status=409)
         running = [s.session_id for s in self._store.past.sessions(human_id) if s.state == "running"]
         if running:
-            raise Refusal(f"'{human_id}' is in session '{running[0]}', which runs: stop it first", status=409)
+            raise Refusal(f"'{human_id}' is in session '{running[0]}', {runs}", status=409)
         if preparing is not None and human_id in preparing.human_ids:
             why = f"is in session '{preparing.session_id}', which is being prepared: stop it first"
             raise Refusal(f"'{human_id}' {why}", status=409)

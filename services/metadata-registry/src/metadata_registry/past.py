@@ -198,6 +198,11 @@ class Past:
             (state, *but),
         )
 
+    def running(self) -> str:
+        """Return the session_id of the session that runs, empty where none does."""
+        found = self._db.execute("SELECT session_id FROM sessions WHERE state = 'running'").fetchone()
+        return str(found[0]) if found else ""
+
     def sessions(self, human_id: str = "") -> list[Session]:
         """Every session, or those one participant was in, in the order of their beginnings.
 

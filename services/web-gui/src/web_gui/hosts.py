@@ -48,7 +48,7 @@ class Hosts:
             Told(shown(c.host), shown(c.reference), c.offset_ns * 1e-9, c.round_trip_s, int(c.state)) for c in clocks
         ]
         self._at_ns = now_ns
-        self.sensors.clocks.take(message)
+        self.sensors.clocks.take(message, now_ns / SECOND_NS)
 
     def of_here_ns(self, host_ns: int) -> int:
         """Return the reference host's time when the clock of this host shows host_ns."""
