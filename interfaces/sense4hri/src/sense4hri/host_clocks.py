@@ -26,6 +26,8 @@ PROBES = "/study/clock_probes"
 MOST_HOSTS = 100
 FRESH_S = 10.0
 """Each host is told of every second; one that has not been for so long makes room where others come."""
+WAS_THERE = 10
+"""Entries of a host in a recording that has it keep it for good."""
 MOST_SENSORS = 4096
 APART_S = 1e-3
 """Clocks of two hosts that differ by more are told: that is an alarm."""
@@ -107,12 +109,12 @@ class HostClocks:
     def _has_room(self, now_s: float) -> bool:
         """Whether one more can be kept: where as many are as may be, one that is told of no more makes room.
 
-        Of a recording none that was told for as long as that: what it has of a host that left holds for its time.
+        Of a recording none that has WAS_THERE entries: what they say of a host that left holds for its time.
         """
         if len(self._entries) < MOST_HOSTS:
             return True
         silent = takewhile(lambda host: now_s - self._told_s[host] > FRESH_S, self._told_s)
-        gone = next((host for host in silent if len(self._entries[host]) < FRESH_S), None)
+        gone = next((host for host in silent if len(self._entries[host]) < WAS_THERE), None)
         if gone is not None:
             del self._entries[gone], self._told_s[gone]
         return gone is not None
