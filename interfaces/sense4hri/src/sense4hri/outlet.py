@@ -16,7 +16,7 @@ from sense4hri import parameters, qos, stamps, wire
 from sense4hri.chunk import Break, Chunk
 from sense4hri.device import ClockMeasurement, Reported, Samples, Stream, check_rate, check_stream
 from sense4hri.health import Link, State, StreamCounts, health_message, realtime_minus_monotonic_ns
-from sense4hri.holes import Holes
+from sense4hri.holes import Holes, one_by_one
 from sense4hri.intake import LARGEST
 from sense4hri.modalities import modality
 from sense4hri.names import StreamName
@@ -79,7 +79,8 @@ class Outlet:
     def publish(self, item: Samples) -> None:
         """Publish samples under the declared names of the channels, a frame with holes in parts, and count them.
 
-        Raises ValueError where the driver sends other channels than it has declared, or numbers irregular samples.
+        Raises ValueError where the driver sends other channels than it has declared, or irregular samples together
+        without the time of each.
         """
         shape = item.chunk.samples.shape
         if self.stream is None or len(shape) != 2 or shape[1] != len(self.stream.channel_names):
@@ -97,14 +98,16 @@ class Outlet:
         self._count_missing(gaps, item.lost or 0, item.chunk.received_ns)
 
     def _parts(self, item: Samples) -> list[Chunk]:
-        """Return what is to be published: nothing of a read that brought no sample."""
+        """Return what is to be published: nothing of a read that brought no sample; irregular ones one by one."""
         if not item.chunk.samples.size:
             return []
-        if item.times_ns is None:
-            return [item.chunk]
-        if self._holes is None:
-            raise ValueError(f"{self._sensor_type} has the rate 0: every sample is a message of its own")
-        return self._holes.cut(item.chunk, item.times_ns)
+        if item.times_ns is not None:
+            cut = self._holes.cut if self._holes else one_by_one
+            return cut(item.chunk, item.times_ns)
+        if self._holes is None and len(item.chunk.samples) > 1:
+            came = f"{len(item.chunk.samples)} irregular samples of {self._sensor_type} came together"
+            raise ValueError(f"{came}: `times_ns` must tell when each was, or each comes alone")
+        return [item.chunk]
 
     def report(self, report: Reported) -> None:
         """Publish what the device computed itself."""
