@@ -89,12 +89,13 @@ class Outlet:
             raise ValueError(f"{came}; declared: {declared}")
         self.counts.time_doubt = self.counts.value_doubt = ""
         gaps: list[int] = []
-        for chunk in self._parts(item):
-            device_ns, samples = self._possible(chunk.device_ns), self._bearable(chunk.samples)
-            named = Chunk(self.stream.channel_names, samples, device_ns, chunk.received_ns)
-            self._publisher("raw", PhysioRaw).publish(wire.octets_of(named, self._sensor_id))
-            self._metrics.published(named)
-            gaps += self._count(named, item.lost)
+        if parts := self._parts(item):
+            for chunk in parts:
+                device_ns, samples = self._possible(chunk.device_ns), self._bearable(chunk.samples)
+                named = Chunk(self.stream.channel_names, samples, device_ns, chunk.received_ns)
+                self._publisher("raw", PhysioRaw).publish(wire.octets_of(named, self._sensor_id))
+                gaps += self._count(named, item.lost)
+            self._came(len(item.chunk.samples), named)
         self._count_missing(gaps, item.lost or 0, item.chunk.received_ns)
 
     def _parts(self, item: Samples) -> list[Chunk]:
@@ -167,17 +168,21 @@ class Outlet:
         timed = self._clock.place(chunk)
         self.counts.device_time = chunk.device_ns is not None
         self.counts.loss_known = lost is not None or (self.counts.device_time and self.nominal_hz > 0)
-        self.counts.arrived(len(chunk.samples))
         if timed.break_ is Break.DUPLICATE:
             self.counts.duplicates_total += 1
             self._metrics.duplicates.inc()
         if timed.break_ is Break.RESET:
             self._floor_s, self._counted_only = math.inf, 0
-        if chunk.device_ns is not None:
-            self.counts.latency_s = self._delay_s(
-                chunk.received_ns * 1e-9, (chunk.received_ns - chunk.device_ns) * 1e-9
-            )
         return [timed.lost] if timed.break_ is Break.GAP else []
+
+    def _came(self, n: int, newest: Chunk) -> None:
+        """Count what came together, n samples: once for all messages of it, each of which this would cost as much."""
+        self.counts.arrived(n)
+        self._metrics.published(n, newest.received_ns)
+        if newest.device_ns is not None:
+            self.counts.latency_s = self._delay_s(
+                newest.received_ns * 1e-9, (newest.received_ns - newest.device_ns) * 1e-9
+            )
 
     def _count_missing(self, gaps: list[int], by_count: int, received_ns: int) -> None:
         """Count what is missing by the clock or by the device's count: the larger, and once.
