@@ -76,16 +76,19 @@ def _network(
     if session and str(session) not in sessions:
         text = f"session {session!r} is that of no device of {bench.name}{near(str(session), sessions)}"
         yield places.warning(keys, text, "session:=")
-    played = {outlet for device in devices if hasattr(device, "session") for outlet in _outlets(device)}
+    senders = [device for device in devices if hasattr(device, "session")]
+    played = {outlet for device in senders for outlet in _outlets(device)}
+    own = tuple(f"{device.name} " for device in senders if hasattr(device, "emulator"))  # its file says how they end
     for outlet in OUTLET.findall(" ".join(_list(given.get("outlets")))):
-        if outlet not in played:
+        if outlet not in played and not outlet.startswith(own):
             text = f"outlet {outlet!r} is that of no device of {bench.name}{near(outlet, played)}"
             yield places.warning(keys, text, "outlets:=")
 
 
 def _outlets(device: Any) -> Iterator[str]:
     """Yield the names and source ids that a sender's outlets can have."""
-    for outlet in (device.name or device.sensor, device.source_id or f"bench-{device.sensor}"):
+    source_id = getattr(device, "source_id", "") or f"bench-{device.sensor}"
+    for outlet in (device.name or device.sensor, source_id):
         yield from (outlet, f"{outlet} Markers", f"{outlet}-markers")
 
 

@@ -98,6 +98,13 @@ def test_it_can_be_started(tree):
     assert checked.returncode == 0, checked.stderr
 
 
+@pytest.mark.parametrize("link", LINKS)
+def test_nothing_is_wrong_with_the_study_of_a_new_driver(tree, link):
+    """`make check`, which `make up` asks first, finds no error in it, and ends in order."""
+    checked = run(tree, "compose/check_study.py", "--study", f"{link}-box", "--as", "processes", "--hours", "0.001")
+    assert (checked.returncode, checked.stderr) == (0, ""), checked.stdout + checked.stderr
+
+
 def test_new_drivers_stream_at_once(tree, ros_domain):
     """`make demo` of the studies written with them, as one: a session with features, nothing lost, of every KIND."""
     words = ["--study", str(as_one(tree)), "--duration", "6", "--port", "0", "--recordings", str(tree / "recordings")]

@@ -122,3 +122,17 @@ def test_variables_of_somebody_elses_program_are_its_own(tmp_path):
     """What is near no known name and begins as none of ours is not judged."""
     _, found = findings(tmp_path, "vernier", *in_any("environment: {THEIR_PORT: 5, ROS_LOG_DIR: /tmp, TZ: UTC}"))
     assert found == []
+
+
+@pytest.mark.parametrize(
+    ("outlet", "wrong"), [("name='Acme'", []), ("name='Acme Skin'", []), ("name='Acne'", ["did you mean Acme?"])]
+)
+def test_outlets_of_a_driver_s_own_emulator_are_known_by_how_they_begin(tmp_path, outlet, wrong):
+    """The first is called as the study says; how the others go on only the emulator's file tells."""
+    device = '{sensor: ecg_1, model: LslEcg, participant: p1, session: "lsl-{domain}"}'
+    emulated = device.replace("LslEcg", "EmulatedLsl, name: Acme, emulator: /emulated/emulator.py")
+    text, _ = findings(tmp_path, "lsl", device, emulated)
+    (tmp_path / "trial.yaml").write_text(text.replace("source_id='bench-ecg_1'", outlet))
+    found = check_study.findings(tmp_path / "trial.yaml", "processes", 1e-3, tmp_path / "recordings", dict(os.environ))
+    told = [each.text for each in found if "is that of no device" in each.text]
+    assert [sentence.rpartition("; ")[2] for sentence in told] == wrong

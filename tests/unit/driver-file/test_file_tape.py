@@ -8,6 +8,7 @@ from driver_file.protocol import Recorded
 from sense4hri.chunk import Break
 from sense4hri.device import Marked, Samples, Stream
 from sense4hri.errors import ConfigError
+from sense4hri.holes import one_by_one
 from sense4hri.sample_clock import SampleClock
 from sense4hri.signal_files.content import Event
 
@@ -28,6 +29,11 @@ def config(**more):
 
 def played(tape, frames):
     return [item for frame in range(frames) for item in tape.items(frame, NOW_NS)]
+
+
+def alone(tape):
+    """The samples of the first frame one by one, as the kit publishes irregular ones."""
+    return [chunk for item in played(tape, 1) for chunk in one_by_one(item.chunk, item.times_ns)]
 
 
 def test_every_sample_once_through_all_rounds():
@@ -55,11 +61,9 @@ def test_streams_of_two_rates_stay_together():
 
 
 def test_irregular_samples_are_messages_of_their_own_with_their_own_times():
-    """Times of no rate are kept as they are, one message a sample; a stamp that goes back stays where it is."""
+    """Times of no rate are kept as they are, for the kit makes one message a sample; one that goes back stays."""
     tape = Tape([recorded("eye_tracking", 0, [1000, 1004, 1030, 1020, 1090])], (), config())
-    items = played(tape, 1)
-    assert [item.chunk.device_ns // MS for item in items] == [1000, 1004, 1030, 1020, 1090]
-    assert all(item.times_ns is None and len(item.chunk.samples) == 1 for item in items)
+    assert [each.device_ns // MS for each in alone(tape)] == [1000, 1004, 1030, 1020, 1090]
 
 
 @pytest.mark.parametrize(("fs_hz", "begun_ms"), [(100, 5_000_000), (100, 3000), (0, 5_000_000)])
@@ -78,7 +82,7 @@ def test_irregular_samples_of_one_time_follow_each_other():
     """A batch that its recorder stamped once, as LSL and phones do, is no reset of the device for its readers."""
     tape = Tape([recorded("eda", 0, [1000, 1000, 1000, 1070, 1070])], (), config())
     clock = SampleClock(0.0)
-    placed = [clock.place(item.chunk) for item in played(tape, 1)]
+    placed = [clock.place(each) for each in alone(tape)]
     assert [each.break_ for each in placed] == [Break.FIRST, None, None, None, None]
     assert [int(each.times_ns[0]) - 1000 * MS for each in placed] == [0, 1, 2, 70 * MS, 70 * MS + 1]
 

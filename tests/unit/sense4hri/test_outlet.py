@@ -1,6 +1,7 @@
 """What a driver's outlet says of the frames that came on it."""
 
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
@@ -14,6 +15,7 @@ from sense4hri.outlet import Outlet
 
 WALL_NS, DEVICE_NS = 1_700_000_000_000_000_000, 10**12
 STREAM = Stream(10.0, "uS", 0.0, 100.0, 16, ("eda",))
+IRREGULAR = replace(STREAM, sampling_frequency_hz=0.0)
 
 
 class Host:
@@ -101,3 +103,28 @@ def test_samples_that_are_no_table_of_the_declared_channels_are_a_mistake_that_s
     """Whoever writes a driver is told which shape came, and what is declared."""
     with pytest.raises(ValueError, match=rf"eda samples of shape {re.escape(str(shape))}.*\('eda',\)"):
         opened.publish(Samples("eda", Chunk(("eda",), np.zeros(shape), None, WALL_NS)))
+
+
+def test_irregular_samples_that_come_together_are_messages_of_their_own(opened: Outlet) -> None:
+    """Each with its own device time, 0 = none, and received after the one before it; what is lost counts once."""
+    publish = opened._service.publisher.return_value.publish  # type: ignore[attr-defined]
+    opened.become(IRREGULAR)
+    chunk = Chunk(("eda",), np.array([[1.0], [2.0], [3.0]]), DEVICE_NS + 70, WALL_NS)
+    opened.publish(Samples("eda", chunk, np.array([DEVICE_NS, 0, DEVICE_NS + 70]), lost=7))
+    sent = [wire.chunk_of(call.args[0]) for call in publish.call_args_list]
+    assert [each.samples.tolist() for each in sent] == [[[1.0]], [[2.0]], [[3.0]]]
+    assert [each.device_ns for each in sent] == [DEVICE_NS, None, DEVICE_NS + 70]
+    assert [each.received_ns - WALL_NS for each in sent] == [0, 1, 2]
+    assert (opened.counts.samples_total, opened.counts.lost_samples_total, opened.counts.gaps_total) == (3, 7, 1)
+
+
+@pytest.mark.parametrize("times_ns", [None, np.array([DEVICE_NS])])
+def test_irregular_samples_without_the_time_of_each_are_a_mistake_that_says_so(
+    times_ns: np.ndarray | None, opened: Outlet
+) -> None:
+    """All of them would be taken for samples of one and the same time."""
+    publish = opened._service.publisher.return_value.publish  # type: ignore[attr-defined]
+    opened.become(IRREGULAR)
+    with pytest.raises(ValueError, match=r"2 irregular samples of eda came together|1 times of 2 samples"):
+        opened.publish(Samples("eda", Chunk(("eda",), np.zeros((2, 1)), DEVICE_NS, WALL_NS), times_ns))
+    publish.assert_not_called()

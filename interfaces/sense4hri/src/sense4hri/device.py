@@ -79,7 +79,7 @@ class Samples(NamedTuple):
     """Samples of one stream of the device; of none at all nothing is published.
 
     times_ns: device time of every sample, shape (n,), where the device numbers or stamps each of them; the chunk may
-    then have holes inside, and is published in parts that have none.
+    then have holes inside, and is published in parts that have none, that of a stream without a rate sample by sample.
     lost: of a device that counts instead of stamping, how many samples are missing before these; None = it does not
     count, and what is missing is known only where samples come at a rate and with device time.
     """

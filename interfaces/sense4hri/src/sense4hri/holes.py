@@ -1,7 +1,8 @@
 """Frames of a device that numbers or stamps every sample: a hole inside one is cut out, nowhere else. Imports no ROS.
 
 A message carries one device time, that of its last sample. Whoever read a frame with a hole inside would spread the
-hole over its neighbours; so what is published has none.
+hole over its neighbours; so what is published has none. Irregular samples have no step in which
+a hole would show: each is a message.
 """
 
 from itertools import pairwise
@@ -33,9 +34,7 @@ class Holes:
 
         times_ns: device time of every sample, shape (n,). Raises ValueError where there are more or fewer than samples.
         """
-        n = len(chunk.samples)
-        if len(times_ns) != n:
-            raise ValueError(f"{len(times_ns)} times of {n} samples")
+        n = _as_many(chunk, times_ns)
         steps = np.empty(n, np.int64)
         steps[0] = 0 if self._last_ns is None else times_ns[0] - self._last_ns
         np.subtract(times_ns[1:], times_ns[:-1], out=steps[1:])
@@ -46,3 +45,23 @@ class Holes:
             Chunk(chunk.channels, chunk.samples[first:end], int(times_ns[end - 1]), chunk.received_ns)
             for first, end in pairwise(edges)
         ]
+
+
+def one_by_one(chunk: Chunk, times_ns: NDArray[np.int64]) -> list[Chunk]:
+    """Return irregular samples that came together as chunks of one, in their order, each with its device time.
+
+    times_ns: shape (n,), 0 = none. Received 1 ns after each other: two at one time would look like a reset. Raises
+    ValueError where there are more or fewer times than samples.
+    """
+    _as_many(chunk, times_ns)
+    return [
+        Chunk(chunk.channels, row[None], time_ns or None, chunk.received_ns + number)
+        for number, (row, time_ns) in enumerate(zip(chunk.samples, times_ns.tolist(), strict=True))
+    ]
+
+
+def _as_many(chunk: Chunk, times_ns: NDArray[np.int64]) -> int:
+    """Return the number of samples. Raises ValueError where there are more or fewer times."""
+    if len(times_ns) != len(chunk.samples):
+        raise ValueError(f"{len(times_ns)} times of {len(chunk.samples)} samples")
+    return len(times_ns)

@@ -16,7 +16,7 @@ from sense4hri import parameters, qos, stamps, wire
 from sense4hri.chunk import Break, Chunk
 from sense4hri.device import ClockMeasurement, Reported, Samples, Stream, check_rate, check_stream
 from sense4hri.health import Link, State, StreamCounts, health_message, realtime_minus_monotonic_ns
-from sense4hri.holes import Holes
+from sense4hri.holes import Holes, one_by_one
 from sense4hri.intake import LARGEST
 from sense4hri.modalities import modality
 from sense4hri.names import StreamName
@@ -79,7 +79,8 @@ class Outlet:
     def publish(self, item: Samples) -> None:
         """Publish samples under the declared names of the channels, a frame with holes in parts, and count them.
 
-        Raises ValueError where the driver sends other channels than it has declared, or numbers irregular samples.
+        Raises ValueError where the driver sends other channels than it has declared, or irregular samples together
+        without the time of each.
         """
         shape = item.chunk.samples.shape
         if self.stream is None or len(shape) != 2 or shape[1] != len(self.stream.channel_names):
@@ -88,23 +89,26 @@ class Outlet:
             raise ValueError(f"{came}; declared: {declared}")
         self.counts.time_doubt = self.counts.value_doubt = ""
         gaps: list[int] = []
-        for chunk in self._parts(item):
-            device_ns, samples = self._possible(chunk.device_ns), self._bearable(chunk.samples)
-            named = Chunk(self.stream.channel_names, samples, device_ns, chunk.received_ns)
-            self._publisher("raw", PhysioRaw).publish(wire.octets_of(named, self._sensor_id))
-            self._metrics.published(named)
-            gaps += self._count(named, item.lost)
+        if parts := self._parts(item):
+            for chunk in parts:
+                device_ns, samples = self._possible(chunk.device_ns), self._bearable(chunk.samples)
+                named = Chunk(self.stream.channel_names, samples, device_ns, chunk.received_ns)
+                self._publisher("raw", PhysioRaw).publish(wire.octets_of(named, self._sensor_id))
+                gaps += self._count(named, item.lost)
+            self._came(len(item.chunk.samples), named)
         self._count_missing(gaps, item.lost or 0, item.chunk.received_ns)
 
     def _parts(self, item: Samples) -> list[Chunk]:
-        """Return what is to be published: nothing of a read that brought no sample."""
+        """Return what is to be published: nothing of a read that brought no sample; irregular ones one by one."""
         if not item.chunk.samples.size:
             return []
-        if item.times_ns is None:
-            return [item.chunk]
-        if self._holes is None:
-            raise ValueError(f"{self._sensor_type} has the rate 0: every sample is a message of its own")
-        return self._holes.cut(item.chunk, item.times_ns)
+        if item.times_ns is not None:
+            cut = self._holes.cut if self._holes else one_by_one
+            return cut(item.chunk, item.times_ns)
+        if self._holes is None and len(item.chunk.samples) > 1:
+            came = f"{len(item.chunk.samples)} irregular samples of {self._sensor_type} came together"
+            raise ValueError(f"{came}: `times_ns` must tell when each was, or each comes alone")
+        return [item.chunk]
 
     def report(self, report: Reported) -> None:
         """Publish what the device computed itself."""
@@ -164,17 +168,21 @@ class Outlet:
         timed = self._clock.place(chunk)
         self.counts.device_time = chunk.device_ns is not None
         self.counts.loss_known = lost is not None or (self.counts.device_time and self.nominal_hz > 0)
-        self.counts.arrived(len(chunk.samples))
         if timed.break_ is Break.DUPLICATE:
             self.counts.duplicates_total += 1
             self._metrics.duplicates.inc()
         if timed.break_ is Break.RESET:
             self._floor_s, self._counted_only = math.inf, 0
-        if chunk.device_ns is not None:
-            self.counts.latency_s = self._delay_s(
-                chunk.received_ns * 1e-9, (chunk.received_ns - chunk.device_ns) * 1e-9
-            )
         return [timed.lost] if timed.break_ is Break.GAP else []
+
+    def _came(self, n: int, newest: Chunk) -> None:
+        """Count what came together, n samples: once for all messages of it, each of which this would cost as much."""
+        self.counts.arrived(n)
+        self._metrics.published(n, newest.received_ns)
+        if newest.device_ns is not None:
+            self.counts.latency_s = self._delay_s(
+                newest.received_ns * 1e-9, (newest.received_ns - newest.device_ns) * 1e-9
+            )
 
     def _count_missing(self, gaps: list[int], by_count: int, received_ns: int) -> None:
         """Count what is missing by the clock or by the device's count: the larger, and once.

@@ -4,7 +4,6 @@ import time
 
 from sense4hri_msgs.msg import StreamHealth
 
-from sense4hri.chunk import Chunk
 from sense4hri.metrics import Metrics
 
 
@@ -21,10 +20,10 @@ class StreamMetrics:
         self.duplicates = metrics.counter("duplicates", "Frames that came twice, by device time.", **labels)
         self._latency = metrics.histogram("latency_seconds", "From receipt to publication.", **labels)
 
-    def published(self, chunk: Chunk) -> None:
-        """Count what was published just now; without a latency where the host's clock was set back meanwhile."""
-        self._samples.inc(len(chunk.samples))
-        latency_ns = time.time_ns() - chunk.received_ns
+    def published(self, n: int, received_ns: int) -> None:
+        """Count n samples that were published just now, received together; without a latency after a clock set back."""
+        self._samples.inc(n)
+        latency_ns = time.time_ns() - received_ns
         if latency_ns >= 0:
             self._latency.observe(latency_ns * 1e-9)
 

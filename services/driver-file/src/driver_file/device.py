@@ -100,14 +100,11 @@ class Tape:
 
 
 def _samples(recorded: Recorded, part: slice, later_ns: int, received_ns: int) -> Iterator[Samples]:
-    """Yield the samples as one message, irregular ones as a message each."""
+    """Yield the samples of a part, if there are any."""
     times_ns, values = recorded.times_ns[part] + later_ns, recorded.values[part]
-    names = recorded.stream.channel_names
-    if len(times_ns) and recorded.stream.sampling_frequency_hz:
-        yield Samples(recorded.sensor_type, Chunk(names, values, int(times_ns[-1]), received_ns), times_ns)
-    else:
-        for time_ns, row in zip(times_ns.tolist(), values, strict=True):
-            yield Samples(recorded.sensor_type, Chunk(names, row[None], time_ns, received_ns))
+    if len(times_ns):
+        chunk = Chunk(recorded.stream.channel_names, values, int(times_ns[-1]), received_ns)
+        yield Samples(recorded.sensor_type, chunk, times_ns)
 
 
 def _part(recorded: Recorded, begin_ns: int, end_ns: int | None, moved_ns: int) -> Recorded:

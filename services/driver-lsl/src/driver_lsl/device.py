@@ -105,7 +105,9 @@ class Tuned:
         for picked in self._picked:
             if picked.outlet == number:
                 values = scaled(samples[:, picked.numbers], picked.scales)
-                yield from _frames(picked, values, times_ns, received_ns, exact)
+                chunk = Chunk(picked.stream.channel_names, values, int(times_ns[-1]) or None, received_ns)
+                by_itself = exact or not picked.stream.sampling_frequency_hz
+                yield Samples(picked.sensor_type, chunk, times_ns if by_itself else None)
 
     def _events(
         self, number: int, rows: list[list[str]], times_ns: NDArray[np.int64], received_ns: int
@@ -125,16 +127,3 @@ class Tuned:
         """Yield what was measured, once it is known to be the clock of the stamps."""
         if self._newest_ns and abs(self._newest_ns - measured.remote_ns) < ANOTHER_CLOCK_NS:
             yield ClockMeasurement(received_ns, measured.remote_ns, measured.offset_ns, measured.uncertainty_s, METHOD)
-
-
-def _frames(
-    picked: Picked, values: NDArray[np.float64], times_ns: NDArray[np.int64], received_ns: int, exact: bool
-) -> Iterator[Samples]:
-    """Yield the samples as one message, irregular ones as a message each, 1 ns apart; a time of 0 is none."""
-    names = picked.stream.channel_names
-    if picked.stream.sampling_frequency_hz:
-        chunk = Chunk(names, values, int(times_ns[-1]) or None, received_ns)
-        yield Samples(picked.sensor_type, chunk, times_ns if exact else None)
-        return
-    for number, (time_ns, row) in enumerate(zip(times_ns.tolist(), values, strict=True)):
-        yield Samples(picked.sensor_type, Chunk(names, row[None], time_ns or None, received_ns + number), lost=None)

@@ -1,7 +1,9 @@
-"""A sender of one LSL stream by its emulator's file.
+"""A sender of LSL streams by its emulator's file.
 
-The file has `CONTENT_TYPE`, `RATE_HZ`, `CHANNELS` (label, unit and type of each), `SENSOR_TYPE`, and `VirtualDevice`
-with `rows(first, count)`: a list of rows, of the samples from number `first` on.
+The file has `OUTLETS`, by what follows the stream's name (empty for the one that is called so): content type, sensor
+type of its samples, rate in Hz (0 = irregular), and label, unit and type of each channel. And `VirtualDevice` with
+`send(time_s)`: what it has sampled since the last call, each row with its outlet and when that was; times in s since
+it was switched on.
 """
 
 from collections.abc import Sequence
@@ -11,10 +13,12 @@ import numpy as np
 
 from sensor_bench.device import DeviceKeys, Kind
 from sensor_bench.emulated.file import loaded
-from sensor_bench.lsl.feeds import Taken, within
+from sensor_bench.lsl.feeds import Taken
 from sensor_bench.lsl.machine import Outlet
 from sensor_bench.lsl.sender import Sender
 from sensor_bench.room import Room
+
+ROUNDING_S = 1e-9  # of the end of one span and the beginning of the next
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,24 +31,32 @@ class EmulatedLslKeys(DeviceKeys):
 
 
 class EmulatedFeed:
-    """The rows of an emulator, at its rate."""
+    """What an emulator samples, on its outlets; what it samples while its machine is off is never taken."""
 
     def __init__(self, keys: EmulatedLslKeys) -> None:
-        file = loaded(keys.emulator, "CONTENT_TYPE", "RATE_HZ", "CHANNELS", "SENSOR_TYPE", "VirtualDevice")
-        self._emulator, self._rate_hz = file.VirtualDevice(), float(file.RATE_HZ)
-        channels = tuple(file.CHANNELS)
-        source_id = f"bench-{keys.sensor}"
-        self.outlets: Sequence[Outlet] = (
-            Outlet(keys.name, file.CONTENT_TYPE, source_id, self._rate_hz, "float32", channels),
+        file = loaded(keys.emulator, "OUTLETS", "VirtualDevice")
+        self._emulator, self._names = file.VirtualDevice(), tuple(file.OUTLETS)
+        self.types: Sequence[tuple[str, ...]] = tuple((each[1],) for each in file.OUTLETS.values())
+        self.outlets: Sequence[Outlet] = tuple(
+            Outlet(
+                f"{keys.name} {own}".strip(),
+                content_type,
+                f"bench-{keys.sensor}-{own}".rstrip("-"),
+                float(rate_hz),
+                "float32",
+                tuple(channels),
+            )
+            for own, (content_type, _, rate_hz, channels) in file.OUTLETS.items()
         )
-        self.types: Sequence[tuple[str, ...]] = ((file.SENSOR_TYPE,),)
 
     def taken(self, from_s: float, to_s: float) -> list[Taken]:
-        index = within(from_s, to_s, self._rate_hz)
-        if not len(index):
-            return []
-        rows = np.array(self._emulator.rows(int(index[0]), len(index)), np.float64)
-        return [Taken(0, index / self._rate_hz, rows)]
+        sampled = [each for each in self._emulator.send(to_s) if each[1] >= from_s - ROUNDING_S]
+        found = []
+        for number, name in enumerate(self._names):
+            if mine := [(at_s, row) for outlet, at_s, row in sampled if outlet == name]:
+                times_s, rows = zip(*mine, strict=True)
+                found.append(Taken(number, np.array(times_s, np.float64), np.array(rows, np.float64)))
+        return found
 
 
 def make(room: Room, keys: EmulatedLslKeys) -> Sender:
