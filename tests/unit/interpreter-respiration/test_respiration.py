@@ -353,3 +353,46 @@ def test_short_losses_lower_the_quality():
         assert np.nanmax(np.abs([update.breaths_per_min - 15.0 for update in updates])) < 0.3
         means.append(np.nanmean([update.signal_quality for update in updates]))
     assert means[0] - 0.05 > means[1] > means[2] + 0.05, means
+
+
+def of_heights(heights, per_min=20.0):
+    """Breaths at an even rate, one as high as each of these; two minutes and more."""
+    times_s = np.arange(round(len(heights) * 60 / per_min * FS_HZ)) / FS_HZ
+    breath = np.minimum((times_s * per_min / 60 + 1e-9).astype(int), len(heights) - 1)
+    chest = np.asarray(heights)[breath] * (0.5 + 0.5 * belt(times_s, per_min))
+    return chest + np.random.default_rng(3).normal(0, 0.005, len(chest))
+
+
+def sure_rates(updates):
+    return [update.breaths_per_min for update in updates[60:] if update.signal_quality >= 0.7]
+
+
+@pytest.mark.parametrize("per_min", [12.0, 20.0, 28.0])
+@pytest.mark.parametrize("falls", [True, False], ids=["and wanes", "begins anew"])
+def test_breathing_that_waxes_and_wanes_keeps_its_rate(per_min, falls):
+    """From a tenth to the whole of its height within 25 s, and back or at once: sure rates, all within 1.5 /min."""
+    way = np.arange(round(3 * per_min)) * 60 / per_min / 25
+    heights = 0.1 + 0.9 * (1 - np.abs(1 - way % 2) if falls else way % 1)
+    rates = sure_rates(play(of_heights(heights, per_min)))
+    np.testing.assert_allclose(rates, per_min, atol=1.5)
+    assert len(rates) > 100 or (per_min, falls) == (28.0, False)
+
+
+@pytest.mark.parametrize("per_min", [12.0, 20.0])
+@pytest.mark.parametrize("shallow", [0.1, 0.2, 0.33])
+def test_shallow_breaths_between_deep_ones_are_told(shallow, per_min):
+    """Every second breath is a tenth to a third as high: no sure rate, and why."""
+    updates = play(of_heights([1.0, shallow] * round(1.5 * per_min), per_min))
+    assert not sure_rates(updates)
+    told = ("come as evenly and may be breaths too", "by autocorrelation disagree")
+    assert all(any(text in reason for reason in update.reasons for text in told) for update in updates[60:])
+
+
+def test_bursts_of_breaths_have_no_sure_rate():
+    """Cheyne-Stokes, 11 breaths of 22 a minute that wax and wane, then none for 20 s: the rate is not sure, and why."""
+    cycle = [*np.sin(np.pi * np.arange(0.5, 11) / 11), *[0.0] * 7]
+    updates = play(of_heights(cycle * 4, 22.0))[60:]
+    rated = [update for update in updates if np.isfinite(update.breaths_per_min)]
+    assert len(rated) > 50
+    assert np.mean([update.signal_quality >= 0.7 for update in rated]) < 0.1
+    assert any("no breath for" in reason for update in rated for reason in update.reasons)

@@ -29,6 +29,8 @@ WANDERS, WANDERS_TOLD = ((0.0, 2.0, 3.0), (1.0, 0.97, 0.5)), 2.3
 SHIFTED = 2.7  # spreads of the waves that the level moves by in a shift of posture: the height of a sine is 1.9 of them
 LONG, MOSTLY = 1.5, 0.75  # times the usual period where a breath may be missing; share of known periods, else it drifts
 PERIODS = (1.0, 4.0)  # so many fit into the window: quality 0 and 1; that two are alike happens by chance
+SMALL = 0.06  # of the usual breath's rise: less is noise, or the heart; of a breath a tenth as high at 20 /min 0.07
+NEAR = 0.25  # share of the usual period by which one of even breathing differs at most
 BOTTOM = 0.1  # of its height: noise in a pause before an inspiration stays below
 STEADY = 3.0  # spreads of a sample: a belt that moves less is not worn
 SAME = 1e-9  # share by which means of one value may differ
@@ -61,7 +63,11 @@ def spread_of(waves: Floats) -> float:
 
 def breaths(waves: Floats, reach: float = REACH) -> list[Breath]:
     """Return all breaths whose inspiration has begun and ended in waves, shape (n,), in order."""
-    peaks, troughs = turns(waves, reach * spread_of(waves))
+    return _left_by(waves, reach * spread_of(waves))
+
+
+def _left_by(waves: Floats, reach: float) -> list[Breath]:
+    peaks, troughs = turns(waves, reach)
     found = []
     for peak in peaks:
         before = [trough for trough in troughs if trough < peak]
@@ -75,6 +81,26 @@ def raised(raw: Floats, waves: Floats, found: list[Breath]) -> list[Breath]:
     """Return the breaths in which the signal itself rises: waves swing back in a long pause, where it rests."""
     level = smoothed(raw, SMOOTH_S)
     return [breath for breath in found if level[breath.peak] > level[breath.trough]]
+
+
+def with_smaller(raw: Floats, waves: Floats, found: list[Breath]) -> list[Breath]:
+    """Return breaths together with the smaller waves between them: all that rise by SMALL of what these usually do."""
+    if not found:
+        return []
+    level = smoothed(raw, SMOOTH_S)
+    every = _left_by(waves, SMALL * median(_rises(waves, found)))
+    high = _rises(level, every) >= SMALL * median(_rises(level, found))
+    return [breath for breath, is_high in zip(every, high, strict=True) if is_high]
+
+
+def _rises(values: Floats, found: list[Breath]) -> Floats:
+    return np.array([values[breath.peak] - values[breath.trough] for breath in found])
+
+
+def evenness(found: list[Breath]) -> float:
+    """Return the share of periods that are about the usual one, 0..1; 0 of a single one."""
+    periods = np.diff([breath.peak for breath in found])
+    return float(np.mean(np.abs(periods / median(periods) - 1) <= NEAR)) if len(periods) > 1 else 0.0
 
 
 def turns(waves: Floats, reach: float) -> tuple[list[int], list[int]]:

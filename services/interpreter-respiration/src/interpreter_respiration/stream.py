@@ -30,6 +30,9 @@ SILENT_S = 15.0  # without a breath: apnoea, or no belt
 LOOK_S = 60.0  # the past that tells how high a breath is
 AGREE = 0.25  # difference of the two rates, as a share, from which they disagree
 SURE = 0.5  # likeness from which the autocorrelation is evidence against the peaks
+MISSED = 0.1  # of the breaths: so many smaller waves between them, and the rate may be another one
+APNOEA_S = 10.0  # without a breath (AASM manual, Berry et al. 2012)
+PAUSED = 0.2  # share of the window in pauses as long as that which no period holds: the rate is not that of the window
 LASTING_QUALITY, LASTING_BREATHS = 0.4, 2.5  # before a rate is sure: drift looks like breathing for a moment
 
 Floats = NDArray[np.float64]
@@ -44,6 +47,7 @@ class Seen(NamedTuple):
     waves: Floats
     spread: float
     breaths: list[features.Breath]  # by indices into these
+    every: list[features.Breath]  # and smaller waves between them
     period_s: float  # by autocorrelation
     likeness: float
 
@@ -126,7 +130,10 @@ class RespirationStream:
         known = spread[np.isfinite(spread)]
         period_s, likeness = features.autocorrelation(waves[-round(self._config.window_s * GRID_HZ) :])
         usual = float(np.median(known)) if len(known) else np.nan
-        return Seen(self._values[run], self._times_ns[run], raw, waves, usual, found, period_s, likeness)
+        every = features.with_smaller(raw, waves, found)
+        if features.evenness(every) > max(features.MOSTLY, features.evenness(found)):
+            found = every
+        return Seen(self._values[run], self._times_ns[run], raw, waves, usual, found, every, period_s, likeness)
 
     def _shown(self, values: Floats) -> Floats:
         """What moves with the breath, shape (n,)."""
@@ -159,6 +166,9 @@ class RespirationStream:
         if too_short and quality > IN_DOUBT:
             quality = IN_DOUBT
             notes.append(f"signal_quality: above {LASTING_QUALITY:g} for less than {LASTING_BREATHS:g} breaths")
+        for doubt in self._doubts(seen, window_s, start_ns):
+            quality = min(quality, IN_DOUBT)
+            notes.append(doubt)
         good = quality >= self._config.min_quality and agree
         if not good:
             notes.append(self._why_withheld(period_s, seen, agree))
@@ -229,6 +239,36 @@ class RespirationStream:
         times_s = np.array([breath.time_ns / SECOND_NS for breath in self._told])
         after_hole = np.array([breath.broken for breath in self._told[1:]], bool)
         return np.where(after_hole, np.nan, np.diff(times_s)) if len(times_s) > 1 else np.empty(0)
+
+    def _doubts(self, seen: Seen, window_s: float, start_ns: int) -> list[str]:
+        """Why the rate may be another one although the belt shows breathing clearly."""
+        doubts, (told, missed) = [], self._missed(seen)
+        paused_s = self._paused_s(max(start_ns, int(seen.times_ns[0])))
+        if missed >= max(1, MISSED * told):
+            doubts.append(f"{missed} smaller waves between {told} breaths come as evenly and may be breaths too")
+        if paused_s > PAUSED * window_s:
+            doubts.append(f"no breath for {paused_s:.0f} s of the window: the rate is that of the rest")
+        return doubts
+
+    def _missed(self, seen: Seen) -> tuple[int, int]:
+        """(breaths that were told, smaller waves between them that are none and come as evenly)."""
+        times_ns = np.array([breath.time_ns for breath in self._told if breath.time_ns >= seen.times_ns[0]], np.int64)
+        if len(times_ns) < 2 or features.evenness(seen.every) < features.MOSTLY:
+            return len(times_ns), 0
+        near_ns = round(APART_S / 2 * SECOND_NS)
+        every_ns = seen.times_ns[[breath.peak for breath in seen.every]]
+        between = (every_ns > times_ns[0] - near_ns) & (every_ns < times_ns[-1] + near_ns)
+        return len(times_ns), int(np.count_nonzero(between)) - len(times_ns)
+
+    def _paused_s(self, from_ns: int) -> float:
+        """Time since then without a breath that no period holds, in s: each time APNOEA_S and longer."""
+        befores_ns = [from_ns, *(breath.time_ns for breath in self._told)]
+        pauses_s = [
+            (breath.time_ns - max(before_ns, from_ns)) / SECOND_NS
+            for before_ns, breath in zip(befores_ns, self._told, strict=False)
+            if breath.broken
+        ]
+        return sum(pause_s for pause_s in pauses_s if pause_s >= APNOEA_S)
 
     def _inhale_exhale(self) -> float:
         """Mean time of inspiration over that of expiration; NaN without a whole breath."""
