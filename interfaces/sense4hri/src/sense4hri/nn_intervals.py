@@ -79,13 +79,7 @@ def artefacts(raw: Intervals) -> tuple[Bools, Bools]:
     if not ((steps > least_step) | (stray > 3 * least_tolerance)).any():
         return extra, wrong  # below the floors none is suspect, whatever the spread
     d, tolerance = difference / _limit(steps, least_step), _limit(stray, least_tolerance)
-
-    before, after, second = np.append(0.0, d[:-1]), np.append(d[1:], 0.0), np.append(d[2:], (0.0, 0.0))
-    s12 = np.where(d > 0, np.maximum(before, after), np.minimum(before, after))
-    s22 = np.where(d >= 0, np.minimum(after, second), np.maximum(after, second))
-    ectopic = ((d > 1) & (s12 < -C1 * d - C2)) | ((d < -1) & (s12 > -C1 * d + C2))
-    falls, rises = (d < -1) & (s22 > 1), (d > 1) & (s22 < -1)
-    suspect = ectopic | falls | rises | (stray > 3 * tolerance)
+    suspect = _steps_like_an_artefact(d) | (stray > 3 * tolerance)
     for i in np.flatnonzero(suspect):
         if i and extra[i - 1]:
             continue  # what is left of it is part of the merged interval
@@ -100,6 +94,19 @@ def artefacts(raw: Intervals) -> tuple[Bools, Bools]:
     early[1:] &= ~(suspect & (rr > median))[:-1]  # after such a long one the beat before it was late, this one is right
     wrong[1:] |= early[:-1] & linked[1:] & ~extra[1:]
     return extra, wrong
+
+
+def _steps_like_an_artefact(d: Floats) -> Bools:
+    """Which intervals differ from their neighbours as beside an ectopic, a missed or an extra beat.
+
+    d: difference to the interval before each, in units of its limit.
+    """
+    before, after, second = np.append(0.0, d[:-1]), np.append(d[1:], 0.0), np.append(d[2:], (0.0, 0.0))
+    s12 = np.where(d > 0, np.maximum(before, after), np.minimum(before, after))
+    s22 = np.where(d >= 0, np.minimum(after, second), np.maximum(after, second))
+    ectopic = ((d > 1) & (s12 < -C1 * d - C2)) | ((d < -1) & (s12 > -C1 * d + C2))
+    falls, rises = (d < -1) & (s22 > 1), (d > 1) & (s22 < -1)
+    return np.asarray(ectopic | falls | rises)
 
 
 def _limit(values: Floats, floor: Floats) -> Floats:

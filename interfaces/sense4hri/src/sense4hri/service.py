@@ -22,12 +22,11 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
-from sense4hri import beats, diagnostics, intake
+from sense4hri import beats, diagnostics
 from sense4hri.calls import Calls
-from sense4hri.errors import FrameError, Refused
+from sense4hri.hearing import Hearing
 from sense4hri.http import Http
 from sense4hri.inbox import Inbox
 from sense4hri.liveness import HUNG_S, Liveness, Pulse
@@ -63,18 +62,8 @@ class Service(Generic[Config]):
         ParameterServices(node, lambda place, why: self.refuse(place, "parameters", why))
         self._loop, self._begun_s = loop, loop.time()
         self._failed: asyncio.Future[None] = loop.create_future()
-        dropped = self.metrics.counter("dropped_messages", "Messages dropped because the service fell behind.")
         self._dropped = 0
-
-        def drop() -> None:
-            dropped.inc()
-            self._dropped += 1
-
-        self._inbox = Inbox(loop, drop)
-        self.metrics.counted("handled_calls", "Messages and other calls handled.", lambda: self._inbox.calls_total)
-        self.metrics.counted("busy_seconds", "Time in which they were handled.", lambda: self._inbox.busy_s)
-        waiting = self.metrics.gauge("waiting_calls", "Messages and other calls that wait to be handled.")
-        waiting.set_function(lambda: self._inbox.waiting)
+        self._inbox = self._counted_inbox()
         self.metrics.gauge("ready", "1 where /readyz answers 200.").set_function(lambda: not self._missing)
         self._calls = Calls(node, loop, self.post, self.start, self.refuse, self._soon)
         self._tasks: set[asyncio.Task[None]] = set()
@@ -147,24 +136,18 @@ class Service(Generic[Config]):
         if fit:
             qos = fitting(qos, [publisher.qos_profile for publisher in self.node.get_publishers_info_by_topic(topic)])
 
-        def handle(*taken: Any) -> None:
-            if subscription in self._subscriptions:
-                try:
-                    handler(*taken)
-                except FrameError as err:
-                    self.refuse(topic, message.__name__, str(err))
-
-        guarded = self._guarded(handle)
+        hearing = Hearing(message, topic, handler, self.refuse, raw, with_info)
         droppable = not keep and qos.durability != DurabilityPolicy.TRANSIENT_LOCAL
 
+        def handle(*taken: Any) -> None:
+            if subscription in self._subscriptions:
+                hearing.handle(*taken)
+
+        guarded = self._guarded(handle)
+
         def put(cdr: bytes, info: dict[str, Any]) -> None:
-            try:
-                taken = _checked(message, cdr, raw)
-            except Refused as err:
-                self.refuse(topic, message.__name__, str(err))
-                return
-            arguments = (taken, info) if with_info else (taken,)
-            self._inbox.put(guarded, *arguments, droppable_bytes=len(cdr) if droppable else None)
+            if taken := hearing.checked(cdr, info):
+                self._inbox.put(guarded, *taken, droppable_bytes=len(cdr) if droppable else None)
 
         callback: Any = put  # rclpy counts a callback's arguments
         subscription = self.node.create_subscription(message, topic, callback, qos, raw=True)
@@ -292,6 +275,21 @@ class Service(Generic[Config]):
         self.ros.close()
         self._inbox.close()
 
+    def _counted_inbox(self) -> Inbox:
+        """Return the queue to the main thread, with what the metrics say of it."""
+        dropped = self.metrics.counter("dropped_messages", "Messages dropped because the service fell behind.")
+
+        def drop() -> None:
+            dropped.inc()
+            self._dropped += 1
+
+        inbox = Inbox(self._loop, drop)
+        self.metrics.counted("handled_calls", "Messages and other calls handled.", lambda: inbox.calls_total)
+        self.metrics.counted("busy_seconds", "Time in which they were handled.", lambda: inbox.busy_s)
+        waiting = self.metrics.gauge("waiting_calls", "Messages and other calls that wait to be handled.")
+        waiting.set_function(lambda: inbox.waiting)
+        return inbox
+
     def _ended(self, task: "asyncio.Task[None]") -> None:
         self._tasks.discard(task)
         if not task.cancelled() and (err := task.exception()) is not None:
@@ -341,18 +339,3 @@ class Service(Generic[Config]):
 def _next_beat(begun_s: float, now_s: float, seconds: float) -> float:
     """Return the next time after now_s that lies a multiple of so many seconds after begun_s."""
     return begun_s + (math.floor((now_s - begun_s) / seconds + 1e-6) + 1) * seconds
-
-
-def _checked(kind: type, cdr: bytes, raw: bool) -> Any:
-    """Return a message, or with raw its bytes. Raises Refused."""
-    intake.check_bytes(cdr)
-    if raw:
-        if intake.has_both_stamps(kind):
-            intake.check_stamps(cdr)
-        return cdr
-    try:
-        message = deserialize_message(cdr, kind)
-    except (RuntimeError, ValueError, MemoryError):
-        raise Refused(f"its {len(cdr)} bytes are no {kind.__name__}") from None
-    intake.check(message)
-    return message

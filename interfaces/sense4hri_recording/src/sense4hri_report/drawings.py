@@ -10,6 +10,7 @@ import numpy as np
 from sense4hri.modalities import colour_of
 
 from sense4hri_report import svg
+from sense4hri_report.bins import Values
 from sense4hri_report.collect import Findings, StreamFindings
 from sense4hri_report.rules import duration
 from sense4hri_report.svg import LEFT, RIGHT, WIDTH, TimeScale
@@ -142,28 +143,11 @@ def _labels(summary: Json, scale: TimeScale) -> list[tuple[float, int, str]]:
 def lanes(stream: StreamFindings, entry: Json, found: Findings, summary: Json) -> str:
     """Raw signal, quality, battery and clock of one stream, one above the other over the same time."""
     scale = scale_of(found, summary)
-    parts: list[str] = []
-    y = 4.0
-    if stream.picture is not None:
-        for name, (low, high) in list(stream.picture.channels.items())[:MOST_CHANNELS]:
-            path, bottom_value, top_value = svg.envelope(low, high, stream.picture.fresh, y, PICTURE)
-            unit = (entry.get("sensor") or {}).get("unit", "")
-            parts.append(_lane(y, PICTURE, name, _edge(top_value, unit), _edge(bottom_value, unit), path))
-            y += PICTURE + 4
-        more = len(stream.picture.channels) - MOST_CHANNELS
-        if more > 0:
-            parts.append(svg.text(2, y + 12, f"and {more} more channels", "small"))
-            y += 18
-    if stream.features is not None and stream.features.quality.count.any():
-        values = stream.features.quality
-        drawn = svg.curve(values.low, values.mean, values.high, y, SMALL, 0.0, 1.0)
-        parts.append(_lane(y, SMALL, "signal quality", "1", "0", drawn))
-        y += SMALL + 4
-    if stream.health is not None and stream.health.battery.count.any():
-        values = stream.health.battery
-        drawn = svg.curve(values.low, values.mean, values.high, y, SMALL, 0.0, 100.0)
-        parts.append(_lane(y, SMALL, "battery", "100 %", "0 %", drawn))
-        y += SMALL + 4
+    parts, y = _channel_lanes(stream, entry, 4.0)
+    if stream.features is not None:
+        y = _add_curve(parts, y, "signal quality", stream.features.quality, 1.0, "")
+    if stream.health is not None:
+        y = _add_curve(parts, y, "battery", stream.health.battery, 100.0, " %")
     drawn, y = _clock_lanes(stream, scale, y)
     parts.append(drawn)
     if y < 10:
@@ -179,6 +163,32 @@ def lanes(stream: StreamFindings, entry: Json, found: Findings, summary: Json) -
     ]
     body = f'<g style="{colour(stream.name.sensor_type)}">{"".join(behind + parts + front)}</g>'
     return svg.svg(y + 20, body, f"signals of {entry['stream']}")
+
+
+def _channel_lanes(stream: StreamFindings, entry: Json, y: float) -> tuple[list[str], float]:
+    """Return the raw signal, a lane for each channel, and where the next lane begins."""
+    parts: list[str] = []
+    if stream.picture is None:
+        return parts, y
+    unit = (entry.get("sensor") or {}).get("unit", "")
+    for name, (low, high) in list(stream.picture.channels.items())[:MOST_CHANNELS]:
+        path, bottom_value, top_value = svg.envelope(low, high, stream.picture.fresh, y, PICTURE)
+        parts.append(_lane(y, PICTURE, name, _edge(top_value, unit), _edge(bottom_value, unit), path))
+        y += PICTURE + 4
+    more = len(stream.picture.channels) - MOST_CHANNELS
+    if more > 0:
+        parts.append(svg.text(2, y + 12, f"and {more} more channels", "small"))
+        y += 18
+    return parts, y
+
+
+def _add_curve(parts: list[str], y: float, name: str, values: Values, top: float, unit: str) -> float:
+    """Add a lane from 0 to top, where there are values; return where the next lane begins."""
+    if not values.count.any():
+        return y
+    drawn = svg.curve(values.low, values.mean, values.high, y, SMALL, 0.0, top)
+    parts.append(_lane(y, SMALL, name, f"{top:g}{unit}", f"0{unit}", drawn))
+    return y + SMALL + 4
 
 
 def _clock_lanes(stream: StreamFindings, scale: TimeScale, y: float) -> tuple[str, float]:

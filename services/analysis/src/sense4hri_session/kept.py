@@ -19,7 +19,7 @@ from sense4hri_session.blocks import Block, Ints
 from sense4hri_session.stream import Stream
 
 HEAD = 6
-MOST_VALUES, MESSAGE = 4_000_000, 64  # that wait to be placed, of all streams together; a message counts as so many
+MOST_VALUES, MESSAGE = 500_000, 64  # that wait to be placed, of all streams together; a message counts as so many
 
 
 def keep(

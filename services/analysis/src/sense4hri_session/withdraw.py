@@ -78,6 +78,29 @@ def _report(found: Withdrawn) -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Withdraw; 1 where a recording had to be left as it is, 2 where it was not confirmed."""
+    options = _options(arguments)
+    try:
+        folders = find_folders(options.recordings)
+    except SessionError as err:
+        print(plain(str(err)), file=sys.stderr)
+        return 1
+    if not options.dry_run and not options.yes and not _confirmed(options.human, len(folders)):
+        return 2
+    status, hits = 0, 0
+    for folder in folders:
+        if not folder.is_dir():
+            continue  # a copy of a recording before it, that was killed under way and went with that
+        try:
+            hits += _withdraw_and_tell(folder, options)
+        except (SessionError, OSError) as err:
+            print(plain(f"not withdrawn: {err}"), file=sys.stderr)
+            status = 1
+    verb = "hold" if options.dry_run else "held"
+    print(f"{hits} of {len(folders)} recordings {verb} something of {options.human}")
+    return status
+
+
+def _options(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="sense4hri-withdraw", description=__doc__.partition("\n")[0])
     parser.add_argument("recordings", nargs="+", type=Path, help="folders of recordings, or any folder above them")
     parser.add_argument("--human", required=True, help="the pseudonym")
@@ -90,30 +113,16 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if not is_human_id(options.human) or options.human == UNASSIGNED:
         parser.error(f"{options.human!r} is no pseudonym")
-    try:
-        folders = find_folders(options.recordings)
-    except SessionError as err:
-        print(plain(str(err)), file=sys.stderr)
-        return 1
-    if not options.dry_run and not options.yes and not _confirmed(options.human, len(folders)):
-        return 2
-    status, hits = 0, 0
-    for folder in folders:
-        if not folder.is_dir():
-            continue  # a copy of a recording before it, that was killed under way and went with that
-        progress = not options.quiet and sys.stderr.isatty()
-        try:
-            found = withdraw(folder, options.human, tuple(options.also), options.dry_run, progress)
-        except (SessionError, OSError) as err:
-            print(plain(f"not withdrawn: {err}"), file=sys.stderr)
-            status = 1
-            continue
-        if found or found.undecided:
-            hits += bool(found)
-            print("\n".join(found.lines()))
-    verb = "hold" if options.dry_run else "held"
-    print(f"{hits} of {len(folders)} recordings {verb} something of {options.human}")
-    return status
+    return options
+
+
+def _withdraw_and_tell(folder: Path, options: argparse.Namespace) -> bool:
+    """Withdraw from one recording and print what was found; whether anything was. Raises SessionError, OSError."""
+    progress = not options.quiet and sys.stderr.isatty()
+    found = withdraw(folder, options.human, tuple(options.also), options.dry_run, progress)
+    if found or found.undecided:
+        print("\n".join(found.lines()))
+    return bool(found)
 
 
 def _confirmed(human_id: str, count: int) -> bool:
