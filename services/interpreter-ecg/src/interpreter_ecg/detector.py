@@ -16,6 +16,7 @@ from interpreter_ecg.features import (
     edge,
     likeness_to_spike,
     middle_of_cut,
+    own_t_wave,
     qrs_energy,
     qrs_wavelet,
     sharp_wavelet,
@@ -36,6 +37,7 @@ SHARP_REACH_S = 0.05
 EDGE_REACH_S = 0.1  # round the R peak
 PULSE_REACH_S = 0.03  # the complex that a pulse of a pacemaker captures has its middle later
 LIKE_ELSEWHERE = 2.0  # times larger or smaller than beats elsewhere what is at a pulse may be
+P_WAVE_S = 0.28  # so long before a beat its P wave, seen through the wavelet of T waves, may begin
 UPNESS_RATE, FLIPPED = 0.2, 0.3  # the usual polarity changes when the other one is larger by e^0.3 for some beats
 
 
@@ -181,13 +183,19 @@ class Detector:
                 Follower(self._time_s(later.at) - time_s, later.energy, later.sharpness / (sharpness + 1e-12))
                 for later in self._candidates
             ]
-            if self._levels.accept(time_s, energy, sharpness, following):
+            answer = self._own_t_wave(at, energy, following)
+            if self._levels.accept(time_s, energy, sharpness, answer, following):
                 beat = self._beat(at, energy)
                 if beat.time_ns > self._last_ns + LEAST_APART_NS:
                     beats.append(beat)
                     self._last_ns = beat.time_ns
                     self._elsewhere += [] if pulse else [energy]
         return beats
+
+    def _own_t_wave(self, middle: int, energy: float, following: list[Follower]) -> float:
+        """features.own_t_wave, as far as the P wave of the next candidate that has more energy."""
+        next_s = min((later.after_s for later in following if later.energy > energy), default=np.inf)
+        return own_t_wave(self._ecg, middle, self._fs_hz, next_s - P_WAVE_S)
 
     def _time_s(self, at: int) -> float:
         return int(self._times_ns[at]) / 1e9
