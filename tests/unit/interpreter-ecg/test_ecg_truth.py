@@ -106,6 +106,28 @@ def test_electrode_off_at_a_rail_for_two_beats(fs_hz: float, level_uv: float) ->
     assert len(rates) > 40
 
 
+@pytest.mark.parametrize("shape", ["arch", "sway"])
+@pytest.mark.parametrize(("hole_s", "drift_uv"), [(1.0, 500.0), (1.0, -1500.0), (2.0, 1000.0), (2.0, -1500.0)])
+def test_electrode_off_that_glides_off_and_back(shape: str, hole_s: float, drift_uv: float) -> None:
+    """The baseline goes away and comes back without a jump: that is no pause, and no confident rate is low."""
+    ecg, t_s = trials.ecg_of(trials.resting(90), FS_HZ, 90), np.arange(round(90 * FS_HZ)) / FS_HZ
+    at = t_s % 20 / hole_s
+    drift = drift_uv * (np.sin(np.pi * at) if shape == "arch" else 0.5 * np.sin(2 * np.pi * at))
+    off = drift + np.random.default_rng(5).normal(0, 8, len(t_s))
+    rates = confident_rates(play(np.where((t_s > 20) & (at < 1), off, ecg)))
+    assert np.all(np.abs(rates - 78) < 5)
+    assert len(rates) > 40
+
+
+def test_pause_is_one_though_breathing_moves_the_baseline() -> None:
+    """A heart that pauses for 2.3 s, the baseline swinging by 0.3 mV with breath: the pause counts as an interval."""
+    rhythm = trials.resting(60)
+    beats_s = np.delete(rhythm.beats_s, [40, 41])
+    ecg = trials.ecg_of(trials.Rhythm(beats_s, np.ones(len(beats_s), bool)), FS_HZ, 60)
+    updates = play(ecg + 150 * np.sin(2 * np.pi * 0.25 * np.arange(len(ecg)) / FS_HZ))
+    assert min(u.signal_quality for u in updates[10:]) > 0.9
+
+
 @pytest.mark.parametrize("fs_hz", [130.0, 250.0, 1000.0])
 def test_pause_is_one_whatever_hum_there_is_besides(fs_hz: float) -> None:
     """A heart that pauses for 2.3 s under steady hum of 0.2 mV: every interval counts, and quality stays high."""

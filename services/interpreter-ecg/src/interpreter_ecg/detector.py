@@ -20,6 +20,7 @@ from interpreter_ecg.features import (
     qrs_energy,
     qrs_wavelet,
     sharp_wavelet,
+    strays,
     unrest,
 )
 from interpreter_ecg.jumps import Jumps
@@ -38,6 +39,8 @@ EDGE_REACH_S = 0.1  # round the R peak
 PULSE_REACH_S = 0.03  # the complex that a pulse of a pacemaker captures has its middle later
 LIKE_ELSEWHERE = 2.0  # times larger or smaller than beats elsewhere what is at a pulse may be
 P_WAVE_S = 0.28  # so long before a beat its P wave, seen through the wavelet of T waves, may begin
+T_WAVE_END_NS = 500_000_000  # after a beat
+STRAYS = 0.4  # of the height of a beat: in 200 long intervals of MIT-BIH 0.05 is usual and 0.2 rare, also in wander
 UPNESS_RATE, FLIPPED = 0.2, 0.3  # the usual polarity changes when the other one is larger by e^0.3 for some beats
 
 
@@ -61,7 +64,7 @@ class Beat(NamedTuple):
     valley: float  # energy between the beats round about, as a share of that of this one
     doubtful: bool  # what would have been a beat since the one before was taken for a T wave
     unrest: float  # features.unrest since the one before, over HUM_REACH_S at most
-    jumped: bool  # the baseline has jumped since the one before
+    jumped: bool  # the baseline has jumped since the one before, or gone as far as no heart's does
     jitter_s: float  # that the noise of the samples gives its time
 
 
@@ -251,7 +254,13 @@ class Detector:
         unrest_ = self._unrest(middle, first, around.stop, reach)
         jitter_s, complete, doubtful = self._finder.jitter_s(ecg, peak), levels.complete, levels.doubtful
         jumped = any(self._last_ns < jump_ns < time_ns for jump_ns in self._jumps_ns)
+        jumped |= self._strays(middle, first) > STRAYS * abs(peak.height)
         return Beat(time_ns, peak.height, energy, complete, shape, edge_, valley, doubtful, unrest_, jumped, jitter_s)
+
+    def _strays(self, middle: int, first: int) -> float:
+        """features.strays from `first`, or from the end of the last beat's T wave, to the P wave."""
+        begin = max(first, int(np.searchsorted(self._times_ns, self._last_ns + T_WAVE_END_NS)))
+        return strays(self._ecg[begin : max(middle - round(P_WAVE_S * self._fs_hz), 0)], self._fs_hz)
 
     def _unrest(self, middle: int, first: int, stop: int, reach: int) -> float:
         """Of the samples from `first` or the last beat on, against those to `reach` round a beat and until `stop`."""

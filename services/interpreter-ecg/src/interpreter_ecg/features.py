@@ -32,6 +32,7 @@ CONTRAST = (0.15, 0.4)  # share of a beat's energy between beats: a heart has le
 WAVE_S, WAVE_REACH = 0.05, 3.5  # of the wavelet that sees T waves and wide beats; how many of these it reaches
 TOP_S, OWN_T_WAVE_S = 0.06, (0.22, 0.36)  # a wave's top is so near its QRS energy; so long after it comes its T wave
 WAVES_FS_HZ = 100.0  # at which they are looked for
+MEAN_S = 0.1  # of the baseline
 AS_AFTER = 2.0  # times the mean square of the steps after a beat: hum that is there in any case swings by so much
 NEWEST_BEATS = 4  # are judged by themselves too, so noise that sets in counts before it fills the window
 BY_CHANCE = 0.2  # what pure noise scores because some of its peaks resemble each other
@@ -239,6 +240,16 @@ def unrest(between: Floats, beat: Floats, after: Floats) -> float:
     before, within, later = (_squared_steps(ecg) for ecg in (between, beat, after))
     usual = median(later.tolist()) if len(later) else 0.0
     return float((before.sum() / len(before) - AS_AFTER * usual) / (within.sum() / len(within)))
+
+
+def strays(between: Floats, fs_hz: float) -> float:
+    """How far the baseline goes from its lowest to its highest, means over 0.1 s, in the unit of between, shape (n,).
+
+    0 for less than that.
+    """
+    width = round(MEAN_S * fs_hz)
+    means = np.convolve(between, np.full(width, 1 / width), "valid") if len(between) >= width else np.zeros(1)
+    return float(np.ptp(means))
 
 
 def _squared_steps(ecg: Floats) -> Floats:
