@@ -106,6 +106,28 @@ def test_electrode_off_at_a_rail_for_two_beats(fs_hz: float, level_uv: float) ->
     assert len(rates) > 40
 
 
+@pytest.mark.parametrize("shape", ["arch", "sway"])
+@pytest.mark.parametrize(("hole_s", "drift_uv"), [(1.0, 500.0), (1.0, -1500.0), (2.0, 1000.0), (2.0, -1500.0)])
+def test_electrode_off_that_glides_off_and_back(shape: str, hole_s: float, drift_uv: float) -> None:
+    """The baseline goes away and comes back without a jump: that is no pause, and no confident rate is low."""
+    ecg, t_s = trials.ecg_of(trials.resting(90), FS_HZ, 90), np.arange(round(90 * FS_HZ)) / FS_HZ
+    at = t_s % 20 / hole_s
+    drift = drift_uv * (np.sin(np.pi * at) if shape == "arch" else 0.5 * np.sin(2 * np.pi * at))
+    off = drift + np.random.default_rng(5).normal(0, 8, len(t_s))
+    rates = confident_rates(play(np.where((t_s > 20) & (at < 1), off, ecg)))
+    assert np.all(np.abs(rates - 78) < 5)
+    assert len(rates) > 40
+
+
+def test_pause_is_one_though_breathing_moves_the_baseline() -> None:
+    """A heart that pauses for 2.3 s, the baseline swinging by 0.3 mV with breath: the pause counts as an interval."""
+    rhythm = trials.resting(60)
+    beats_s = np.delete(rhythm.beats_s, [40, 41])
+    ecg = trials.ecg_of(trials.Rhythm(beats_s, np.ones(len(beats_s), bool)), FS_HZ, 60)
+    updates = play(ecg + 150 * np.sin(2 * np.pi * 0.25 * np.arange(len(ecg)) / FS_HZ))
+    assert min(u.signal_quality for u in updates[10:]) > 0.9
+
+
 @pytest.mark.parametrize("fs_hz", [130.0, 250.0, 1000.0])
 def test_pause_is_one_whatever_hum_there_is_besides(fs_hz: float) -> None:
     """A heart that pauses for 2.3 s under steady hum of 0.2 mV: every interval counts, and quality stays high."""
@@ -382,15 +404,55 @@ def test_early_bigeminy_gives_no_confident_rate_that_is_wrong(coupling_s: float)
     assert np.all(rates > 60)
 
 
+def bigeminy(coupling_s, seconds=40, height=0.6, sigma_s=0.032, dip=-0.45, t_wave=-0.4, sinus_s=0.0):
+    """Pairs of a normal and a wide beat at 48 /min, after a sinus rhythm: the ECG and its beats."""
+    sinus_beats_s = np.arange(0.5, sinus_s, 0.77)
+    normal_s = np.append(sinus_beats_s, np.arange(sinus_beats_s[-1] + 0.77 if sinus_s else 0.5, seconds - 2, 1.24))
+    wide_s, t_s = normal_s[len(sinus_beats_s) :] + coupling_s, np.arange(round(seconds * FS_HZ)) / FS_HZ
+    rhythm = trials.Rhythm(normal_s, np.ones(len(normal_s), bool))
+    ecg = trials.ecg_of(rhythm, FS_HZ, seconds, qrs_s=0.01)
+    for share, at_s, wide in ((1, 0, sigma_s), (dip, 0.07, 0.035), (t_wave, 0.3, 0.06)):
+        waves = np.exp(-0.5 * ((t_s[:, None] - wide_s - at_s) / wide) ** 2)
+        ecg += share * height * trials.R_UV * waves.sum(axis=1)
+    return ecg, np.sort(np.concatenate((normal_s, wide_s)))
+
+
 @pytest.mark.parametrize("coupling_s", [0.34, 0.36, 0.38])
 def test_bigeminy_of_wide_beats_no_taller_than_the_others_is_no_confident_half(coupling_s: float) -> None:
     """Ventricular beats of 0.2 s and 0.6 of R have a third of the QRS energy, T waves less: there is doubt."""
-    normal_s, t_s = np.arange(0.5, 38, 1.24), np.arange(round(40 * FS_HZ)) / FS_HZ
-    ecg = trials.ecg_of(trials.Rhythm(normal_s, np.ones(len(normal_s), bool)), FS_HZ, 40, qrs_s=0.01)
-    for beat_s in normal_s + coupling_s:
-        for height, at_s, sigma_s in ((0.6, 0, 0.032), (-0.27, 0.07, 0.035), (-0.24, 0.3, 0.06)):
-            ecg += height * trials.R_UV * np.exp(-0.5 * ((t_s - beat_s - at_s) / sigma_s) ** 2)
+    ecg, _ = bigeminy(coupling_s)
     assert np.all(confident_rates(play(ecg)[12:]) > 90)
+
+
+@pytest.mark.parametrize("coupling_s", [0.34, 0.4, 0.5])
+@pytest.mark.parametrize("t_wave", [-0.25, -0.45])
+def test_bigeminy_of_wide_beats_with_little_qrs_energy_is_no_confident_half(coupling_s: float, t_wave: float) -> None:
+    """They have a fifth of the QRS energy, as tall T waves have, but a T wave of their own, against them."""
+    ecg, _ = bigeminy(coupling_s, sigma_s=0.038, dip=-0.2, height=0.7, t_wave=t_wave)
+    updates = play(ecg)
+    assert not confident_rates(updates[12:]).size
+    assert any(reason.startswith("signal_quality: what follows the beats") for reason in updates[-1].reasons)
+
+
+def test_bigeminy_that_sets_in_is_soon_in_doubt() -> None:
+    """Three wide beats passed over are enough: of the rates after a sinus rhythm three are confident and too low."""
+    ecg, beats_s = bigeminy(0.36, 50, sinus_s=20.0, sigma_s=0.038, dip=0.0, height=0.7)
+    updates = play(ecg)
+    rates = [ecg_rhythms.rate_bpm(beats_s, i - 9, i - 0.5) for i in range(len(updates))]
+    wrong = [u.heart_rate_bpm < rate - 5 for u, rate in zip(updates, rates, strict=True) if u.signal_quality >= 0.7]
+    assert sum(wrong) <= 3
+
+
+@pytest.mark.parametrize("rr_s", [0.77, 1.0])
+@pytest.mark.parametrize("t_wave", [-0.8, -0.5, 0.8])
+def test_tall_t_waves_before_tall_p_waves_are_no_ventricular_beats(t_wave: float, rr_s: float) -> None:
+    """T waves of up to 0.8 of R, 80 ms wide, and P waves of a quarter of it, in a heart at rest: no doubt."""
+    rhythm, t_s = trials.resting(40, rr_s=rr_s), np.arange(round(40 * FS_HZ)) / FS_HZ
+    ecg = trials.ecg_of(rhythm, FS_HZ, 40, p_wave=0.25)
+    for beat in rhythm.beats_s:
+        ecg += (t_wave - 0.25) * trials.R_UV * np.exp(-0.5 * ((t_s - beat - 0.3) / 0.035) ** 2)
+    assert confident_rates(play(ecg)[10:]) == pytest.approx(60 / rr_s, abs=3)
+    assert min(u.signal_quality for u in play(ecg)[10:]) > 0.9
 
 
 # -- electrodes that move

@@ -16,9 +16,11 @@ from interpreter_ecg.features import (
     edge,
     likeness_to_spike,
     middle_of_cut,
+    own_t_wave,
     qrs_energy,
     qrs_wavelet,
     sharp_wavelet,
+    strays,
     unrest,
 )
 from interpreter_ecg.jumps import Jumps
@@ -36,6 +38,9 @@ SHARP_REACH_S = 0.05
 EDGE_REACH_S = 0.1  # round the R peak
 PULSE_REACH_S = 0.03  # the complex that a pulse of a pacemaker captures has its middle later
 LIKE_ELSEWHERE = 2.0  # times larger or smaller than beats elsewhere what is at a pulse may be
+P_WAVE_S = 0.28  # so long before a beat its P wave, seen through the wavelet of T waves, may begin
+T_WAVE_END_NS = 500_000_000  # after a beat
+STRAYS = 0.4  # of the height of a beat: most long intervals of MIT-BIH stray by 0.05, 16 of 264 by 0.35, wandering ones
 UPNESS_RATE, FLIPPED = 0.2, 0.3  # the usual polarity changes when the other one is larger by e^0.3 for some beats
 
 
@@ -59,7 +64,7 @@ class Beat(NamedTuple):
     valley: float  # energy between the beats round about, as a share of that of this one
     doubtful: bool  # what would have been a beat since the one before was taken for a T wave
     unrest: float  # features.unrest since the one before, over HUM_REACH_S at most
-    jumped: bool  # the baseline has jumped since the one before
+    jumped: bool  # the baseline has jumped since the one before, or gone as far as no heart's does
     jitter_s: float  # that the noise of the samples gives its time
 
 
@@ -181,13 +186,19 @@ class Detector:
                 Follower(self._time_s(later.at) - time_s, later.energy, later.sharpness / (sharpness + 1e-12))
                 for later in self._candidates
             ]
-            if self._levels.accept(time_s, energy, sharpness, following):
+            answer = self._own_t_wave(at, energy, following)
+            if self._levels.accept(time_s, energy, sharpness, answer, following):
                 beat = self._beat(at, energy)
                 if beat.time_ns > self._last_ns + LEAST_APART_NS:
                     beats.append(beat)
                     self._last_ns = beat.time_ns
                     self._elsewhere += [] if pulse else [energy]
         return beats
+
+    def _own_t_wave(self, middle: int, energy: float, following: list[Follower]) -> float:
+        """features.own_t_wave, as far as the P wave of the next candidate that has more energy."""
+        next_s = min((later.after_s for later in following if later.energy > energy), default=np.inf)
+        return own_t_wave(self._ecg, middle, self._fs_hz, next_s - P_WAVE_S)
 
     def _time_s(self, at: int) -> float:
         return int(self._times_ns[at]) / 1e9
@@ -243,7 +254,13 @@ class Detector:
         unrest_ = self._unrest(middle, first, around.stop, reach)
         jitter_s, complete, doubtful = self._finder.jitter_s(ecg, peak), levels.complete, levels.doubtful
         jumped = any(self._last_ns < jump_ns < time_ns for jump_ns in self._jumps_ns)
+        jumped |= self._strays(middle, first) > STRAYS * abs(peak.height)
         return Beat(time_ns, peak.height, energy, complete, shape, edge_, valley, doubtful, unrest_, jumped, jitter_s)
+
+    def _strays(self, middle: int, first: int) -> float:
+        """features.strays from `first`, or from the end of the last beat's T wave, to the P wave."""
+        begin = max(first, int(np.searchsorted(self._times_ns, self._last_ns + T_WAVE_END_NS)))
+        return strays(self._ecg[begin : max(middle - round(P_WAVE_S * self._fs_hz), 0)], self._fs_hz)
 
     def _unrest(self, middle: int, first: int, stop: int, reach: int) -> float:
         """Of the samples from `first` or the last beat on, against those to `reach` round a beat and until `stop`."""

@@ -29,6 +29,10 @@ SMOOTH_S = 0.01  # Gaussian before that: 50 and 60 Hz are gone, so hum is not ta
 SIGNAL_PER_ENERGY = 3.0  # a beat has at most this rms per QRS energy; 0.7 is usual, 2 is seen in paced ones
 NOISE_AT_HALF = 0.4  # noise over signal (rms) at which a beat is half noise
 CONTRAST = (0.15, 0.4)  # share of a beat's energy between beats: a heart has less, what swings to and fro more
+WAVE_S, WAVE_REACH = 0.05, 3.5  # of the wavelet that sees T waves and wide beats; how many of these it reaches
+TOP_S, OWN_T_WAVE_S = 0.06, (0.22, 0.36)  # a wave's top is so near its QRS energy; so long after it comes its T wave
+WAVES_FS_HZ = 100.0  # at which they are looked for
+MEAN_S = 0.1  # of the baseline
 AS_AFTER = 2.0  # times the mean square of the steps after a beat: hum that is there in any case swings by so much
 NEWEST_BEATS = 4  # are judged by themselves too, so noise that sets in counts before it fills the window
 BY_CHANCE = 0.2  # what pure noise scores because some of its peaks resemble each other
@@ -238,9 +242,45 @@ def unrest(between: Floats, beat: Floats, after: Floats) -> float:
     return float((before.sum() / len(before) - AS_AFTER * usual) / (within.sum() / len(within)))
 
 
+def strays(between: Floats, fs_hz: float) -> float:
+    """How far the baseline goes from its lowest to its highest, means over 0.1 s, in the unit of between, shape (n,).
+
+    0 for less than that.
+    """
+    width = round(MEAN_S * fs_hz)
+    means = np.convolve(between, np.full(width, 1 / width), "valid") if len(between) >= width else np.zeros(1)
+    return float(np.ptp(means))
+
+
 def _squared_steps(ecg: Floats) -> Floats:
     """From each sample to the next, shape (n - 1,)."""
     return np.asarray((ecg[1:] - ecg[:-1]) ** 2)
+
+
+def own_t_wave(ecg: Floats, middle: int, fs_hz: float, until_s: float) -> float:
+    """How large the wave in the other direction is that follows the one round index `middle`, as a share of that one.
+
+    A wide ventricular beat has a T wave of its own, against its QRS complex; a T wave has none. until_s: after the
+    middle, where the next beat's P wave may begin; 0 where that leaves nothing to look at. Both as a wavelet (Ricker's)
+    has them, so wander does not count.
+    """
+    wavelet = _slow_wavelet(fs_hz)
+    grid_s = np.arange(round((2 * TOP_S + OWN_T_WAVE_S[1]) * WAVES_FS_HZ) + 1) / WAVES_FS_HZ - TOP_S
+    first = np.rint(middle + grid_s * fs_hz).astype(int) - len(wavelet) // 2
+    waves = ecg.take(first[:, None] + np.arange(len(wavelet)), mode="clip") @ wavelet
+    top = int(np.abs(waves[: round(2 * TOP_S * WAVES_FS_HZ) + 1]).argmax())
+    after_s = grid_s - grid_s[top]
+    later = waves[(after_s >= OWN_T_WAVE_S[0]) & (after_s <= OWN_T_WAVE_S[1]) & (grid_s <= until_s)]
+    return max(float((-later / waves[top]).max()), 0.0) if len(later) and waves[top] else 0.0
+
+
+@lru_cache(maxsize=8)
+def _slow_wavelet(fs_hz: float) -> Floats:
+    """Ricker's wavelet of WAVE_S, of zero mean, shape (2 n + 1,)."""
+    reach = int(np.ceil(WAVE_REACH * WAVE_S * fs_hz))
+    t = np.arange(-reach, reach + 1) / fs_hz / WAVE_S
+    wavelet = (1 - t**2) * np.exp(-0.5 * t**2)
+    return np.asarray(wavelet - wavelet.mean())
 
 
 def contrast(valleys: Sequence[float]) -> float:

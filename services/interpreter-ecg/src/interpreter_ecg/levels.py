@@ -35,6 +35,7 @@ SHARPER = 1.8  # ... and so many times sharper is a P wave, however tall, ...
 P_WAVES, P_WAVES_S, P_AGREE_S = 3, 8.0, 0.03  # ... as the third at that distance in so long
 T_WAVES_SHARE = 0.45  # of the beats in so long have one, if what follows a beat, as much less sharp, is its T wave
 LARGE_T_WAVE = 0.29  # of the energy of the beat before: nine MIT-BIH records have 0.28 at most, a wide beat 0.32
+WIDE_BEAT, OWN_T_WAVE = 0.14, 0.12  # of that energy, if a wave in the other direction follows, which is so large
 SMALL, SMALL_ELAPSED = 0.25, 0.6  # of the level of beats, and of the usual interval: what may be a small beat ...
 SMALL_AS_SHARP = (0.85, 1.2)  # ... if it is as sharp as these parts of the usual sharpness
 LOW_QUANTILE = 0.3  # of the energies of the last beats: small ones count, single ones do not
@@ -66,6 +67,7 @@ class Levels:
         self._seen_s: float | None = None  # the last beat in any case
         self._blunt: deque[tuple[float, float]] = deque(maxlen=2 * BEATS)  # the same of what may be T waves
         self._large: deque[tuple[float, float]] = deque(maxlen=2 * BEATS)  # of T waves that may be ventricular beats
+        self._wide: deque[tuple[float, float]] = deque(maxlen=2 * BEATS)  # of those with a T wave of their own
         self._beats_s: deque[float] = deque(maxlen=4 * BEATS)  # when the last beats were
         self._last_energy = self._t_wave = self._t_sharp = self._largest_rejected = self._last_sharpness = 0.0
         self.complete = False
@@ -75,8 +77,13 @@ class Levels:
         """Samples are missing: the last beat says nothing about the next one."""
         self._last_s = self._seen_s = None
 
-    def accept(self, time_s: float, energy: float, sharpness: float, following: list[Follower]) -> bool:
-        """Whether the candidate is a beat; sharpness: its energy of what is fast; following: what is known so far."""
+    def accept(
+        self, time_s: float, energy: float, sharpness: float, own_t_wave: float, following: list[Follower]
+    ) -> bool:
+        """Whether the candidate is a beat.
+
+        sharpness: its energy of what is fast; own_t_wave: features.own_t_wave; following: what is known so far.
+        """
         level = self._level(time_s, energy, following)
         elapsed_s = np.inf if self._last_s is None else time_s - self._last_s
         if elapsed_s < REFRACTORY_S:
@@ -115,6 +122,7 @@ class Levels:
             self._sharpnesses.append(self._last_sharpness)
             return True
         self._passed_over |= blunt or (early and self._is_large_t_wave(time_s, elapsed_s, energy))
+        self._passed_over |= self._is_wide_beat(time_s, elapsed_s, energy, own_t_wave)
         if early:
             self._t_wave = max(self._t_wave, energy)
             self._t_sharp = max(self._t_sharp, sharpness)
@@ -186,11 +194,23 @@ class Levels:
         self._large.append((time_s, elapsed_s))
         return self._follows_most(self._large, time_s, elapsed_s)
 
+    def _is_wide_beat(self, time_s: float, elapsed_s: float, energy: float, own_t_wave: float) -> bool:
+        """Whether what was passed over has a T wave of its own, as the third at that distance: T waves have none."""
+        late = PREMATURE_S <= elapsed_s < np.inf
+        if not late or energy < WIDE_BEAT * self._last_energy or own_t_wave < OWN_T_WAVE:
+            return False
+        self._wide.append((time_s, elapsed_s))
+        return self._alike(self._wide, time_s, elapsed_s) >= P_WAVES
+
     def _follows_most(self, such: Collection[tuple[float, float]], time_s: float, elapsed_s: float) -> bool:
         """Whether nearly half of the beats told lately were followed by such, (time, s after), at that distance."""
-        alike = [abs(d - elapsed_s) < P_AGREE_S for at_s, d in such if time_s - at_s < P_WAVES_S]
         beats = sum(time_s - at_s < P_WAVES_S for at_s in self._beats_s)
-        return sum(alike) >= max(P_WAVES, T_WAVES_SHARE * beats)
+        return self._alike(such, time_s, elapsed_s) >= max(P_WAVES, T_WAVES_SHARE * beats)
+
+    @staticmethod
+    def _alike(such: Collection[tuple[float, float]], time_s: float, elapsed_s: float) -> int:
+        """How many such, (time, s after the beat before), were at that distance lately."""
+        return sum(abs(d - elapsed_s) < P_AGREE_S for at_s, d in such if time_s - at_s < P_WAVES_S)
 
     def _threshold(self, level: float, share: float, quantile: float) -> float:
         """That share of the way from the noise to the level of beats."""
