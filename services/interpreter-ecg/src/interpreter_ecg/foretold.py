@@ -1,7 +1,8 @@
 """Which premature beats breathing hides: those that a model of the window does not foretell. Pure, stateless.
 
-A second opinion on `early_beats`, which compares extremes: where breathing is as deep as beats are early these hide each
-other, and one that is early while breathing lengthens the intervals makes no dip at all, but shows by the pause after.
+A second opinion on `early_beats`, which compares extremes: where breathing is as deep as beats are early these hide
+each other, and one that is early while breathing lengthens the intervals makes no dip at all, but shows by the pause
+after.
 """
 
 from typing import NamedTuple
