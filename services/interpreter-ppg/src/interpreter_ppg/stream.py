@@ -195,9 +195,10 @@ class PpgStream:
         span = self._hrv.span(end_ns)
         left_out = by_timing(span.raw.rr_ms, span.raw.linked)
         hrv, reasons = variability(span, left_out)
-        if left_out[-1:].any():
+        if left_out[-1:].any() and not left_out[-2:-1].any():  # the newest, of which the next one says more
             left_out[-1] = False
-            if abs(variability(span, left_out)[0].rmssd_ms - hrv.rmssd_ms) > MOST_UNTOLD_MS:
+            without_ms, (hrv, reasons) = hrv.rmssd_ms, variability(span, left_out)
+            if abs(without_ms - hrv.rmssd_ms) > MOST_UNTOLD_MS:
                 return withheld(hrv), (UNTOLD,)
         if self._unsure.lacks(hrv, end_ns):
             return withheld(hrv), (LACKING,)
