@@ -12,8 +12,8 @@ import bench_ecg
 import bench_ecg_truth
 import ecg_trials as trials
 from interpreter_ecg.foretold import unforeseen
-from interpreter_ecg.timing import irregular
 from scipy.signal import resample_poly
+from sense4hri.early_beats import irregular
 
 pytestmark = pytest.mark.usefixtures("shared_data")
 

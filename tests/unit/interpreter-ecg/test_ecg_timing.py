@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from interpreter_ecg.foretold import doubt_ms, newest_ms, unforeseen
-from interpreter_ecg.timing import irregular, paused, premature
+from sense4hri.early_beats import irregular, paused, premature
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
 import bench_ecg

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from interpreter_ppg import features, jumps, lines
+from interpreter_ppg import features, jumps, lines, premature
 
 TRIALS = Path(__file__).resolve().parents[2] / "bench" / "ppg_trials.py"
 spec = importlib.util.spec_from_file_location("ppg_trials", TRIALS)
@@ -375,6 +375,26 @@ def test_premature_beats_are_no_variability(early, height):
     told_ms = [update.hrv.rmssd_ms for update in updates if np.isfinite(update.hrv.rmssd_ms)]
     assert len(told_ms) > 10
     np.testing.assert_allclose(told_ms, heart.rmssd_ms, atol=10)
+
+
+@pytest.mark.parametrize(("bpm", "early", "height"), [(78, 0.75, 1), (58, 0.75, 0.8), (58, 0.8, 1), (58, 0.85, 0.6)])
+def test_premature_beats_with_pulses_as_high_are_no_variability(bpm, early, height):
+    """Of a beat that comes early with a pulse hardly lower than the others the intervals tell: RMSSD is not theirs."""
+    t, heart = np.arange(0, 70, 1 / 55), trials.premature(70, bpm, 0.1, early, height)
+    updates = trials.play(LEVEL + PULSE * trials.pulses(heart, t, heights=heart.heights) + noise(t), 55)
+    told_ms = [u.hrv.rmssd_ms for u in trials.confident(updates, 0.7) if np.isfinite(u.hrv.rmssd_ms)]
+    assert len(told_ms) > 10
+    np.testing.assert_allclose(told_ms, heart.rmssd_ms, atol=10)
+
+
+def test_a_breath_that_quickens_several_beats_makes_none_premature():
+    """The trough of a deep breath of a real wearer (Verity Sense) has shoulders; a beat a fifth early has none."""
+    steady = [1210.0, 1225, 1205, 1230, 1215, 1200, 1220, 1235] * 2
+    for middle, early in (([1231, 1124, 956, 1124, 1268], False), ([1231, 1224, 980, 1440, 1228], True)):
+        rr_ms = np.array([*steady, *middle, *steady])
+        linked = np.arange(len(rr_ms)) > 0
+        assert premature.by_timing(rr_ms, linked).any() == early
+        assert premature.by_timing(rr_ms[:19], linked[:19]).any() == early
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

@@ -33,6 +33,7 @@ PURE = (
         "clock_model",
         "hrv",
         "nn_intervals",
+        "early_beats",
         "medians",
         "windows",
         "lasting",

@@ -1,17 +1,17 @@
 """Which premature beats breathing hides: those that a model of the window does not foretell. Pure, stateless.
 
-A second opinion on `timing`, which compares extremes: where breathing is as deep as beats are early these hide each
-other, and one that is early while breathing lengthens the intervals makes no dip at all, but shows by the pause after.
+A second opinion on `early_beats`, which compares extremes: where breathing is as deep as beats are early these hide
+each other, and one that is early while breathing lengthens the intervals makes no dip at all, but shows by the pause
+after.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from sense4hri.early_beats import LEAST_EARLY, either_side, usual
 from sense4hri.medians import median
 from sense4hri.windows import windows
-
-from interpreter_ecg.timing import LEAST_EARLY, either_side, usual
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

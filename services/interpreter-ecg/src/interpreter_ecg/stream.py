@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks
 from sense4hri.chunk import TimedChunk
+from sense4hri.early_beats import Irregular, irregular
 from sense4hri.hrv import LONGEST_GAP_S, MOST_BEATS_PER_S, NO_NORMAL_RHYTHM, Hrv, HrvWindow, Span, variability, withheld
 from sense4hri.living import Living
 from sense4hri.motion import Motion
@@ -31,7 +32,6 @@ from interpreter_ecg.intervals import (
 )
 from interpreter_ecg.morphology import Label, Morphology
 from interpreter_ecg.span import Doubt, Jitters, Labels
-from interpreter_ecg.timing import Irregular, irregular
 
 FS_HZ = (50.0, 8000.0)
 MOST_ECTOPIC_PERCENT = 12.0  # of the beats; from more, what is left between normal beats is no measure of the heart

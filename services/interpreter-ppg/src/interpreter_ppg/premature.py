@@ -3,13 +3,16 @@
 The kit's correction of artefacts (Lipponen & Tarvainen 2019) lets intervals pass that differ by less than 30 % of the
 median, or it would correct deep breathing: a beat a fifth too early is among them. In breathing no single pulse is
 both far earlier and far lower than the one before it and the one after. Nor is one twice as high as both: that is a
-blow on the sensor, which hides the pulse.
+blow on the sensor, which hides the pulse. A premature beat whose pulse is about as high as the others is told by the
+intervals of the window alone (`by_timing`).
 """
 
 from collections import deque
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from sense4hri.early_beats import either_side, premature
 from sense4hri.hrv import HrvWindow
 from sense4hri.medians import median
 
@@ -19,6 +22,10 @@ USUAL_OF, FEWEST_USUAL = 9, 3  # intervals whose median is the usual one, and at
 EARLY, LOW = 0.87, 0.85  # share of an interval, and of a height, that a premature beat has at most
 TALL = 2.0  # times as high as both its neighbours no pulse is
 LONG = 1.6  # times the usual interval that one with a missing pulse has at least, as for the rate
+ISOLATED = 1.6  # times what the intervals beside it do, that a premature one is shorter: at most 1.2 in deep breaths
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 
 class Taken(NamedTuple):
@@ -77,3 +84,26 @@ class NormalBeats:
 def _is_blow(before: Taken, pulse: Taken, after: Taken) -> bool:
     """Return whether a pulse is far higher than both its neighbours."""
     return pulse.height > TALL * max(before.height, after.height)
+
+
+def by_timing(rr_ms: Floats, linked: Bools) -> Bools:
+    """Which intervals, in order, shape (n,), lie beside a beat that came too early, by the intervals alone.
+
+    linked: which directly follow the one before. What the kit finds, where it stands alone: a breath that quickens
+    several beats, not every one alike, makes a trough with shoulders, and a rate that moves fast makes a flank.
+    """
+    early = premature(rr_ms, linked)
+    return either_side(early & _stands_alone(rr_ms), linked) if early.any() else early
+
+
+def _stands_alone(rr_ms: Floats) -> Bools:
+    """Which intervals are a dip, or a pause, between those beside them, gaps or not, that has no shoulders."""
+    steps_ms = np.concatenate([[np.nan, np.nan], np.diff(rr_ms), [np.nan, np.nan]])
+    next_ms = steps_ms[2:-1].copy()
+    next_ms[-1] = np.inf  # what follows the newest is not known: until then it is a dip
+    alone = np.zeros(len(rr_ms), bool)
+    for sign in (1, -1):
+        depth_ms = np.minimum(-sign * steps_ms[1:-2], sign * next_ms)
+        shoulders_ms = np.fmax(np.fmax(-sign * steps_ms[:-3], sign * steps_ms[3:]), 0.0)
+        alone |= depth_ms > ISOLATED * shoulders_ms
+    return alone

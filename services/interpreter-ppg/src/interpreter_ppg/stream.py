@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
-from sense4hri.hrv import Hrv, HrvWindow, withheld
+from sense4hri.hrv import Hrv, HrvWindow, variability, withheld
 from sense4hri.lasting import IN_DOUBT, Lasting
 from sense4hri.motion import Motion
 from sense4hri.stamps import SECOND_NS
@@ -18,7 +18,7 @@ from interpreter_ppg.channel import MOST_PULSES_PER_S, Channel
 from interpreter_ppg.config import POLARITIES, Config
 from interpreter_ppg.detector import CONTEXT_S, CUT_LOOKAHEAD_S, LOOKAHEAD_S
 from interpreter_ppg.device_rate import DeviceRate
-from interpreter_ppg.premature import NormalBeats, Taken
+from interpreter_ppg.premature import NormalBeats, Taken, by_timing
 from interpreter_ppg.unsure import LACKING, Unsure
 
 Floats = NDArray[np.float64]
@@ -39,6 +39,8 @@ HALF_WITHIN = 0.05  # of the rate told: a line so near to half of it is that of 
 SURE, LASTING_S = 0.7, 2.0  # quality of a sure rate, once it has lasted: three pulses, or steps, are alike by chance
 STEPS_COST = 0.31  # of the quality, where the pulses may be steps: a rate in doubt has no quality of 0.7
 CLIPPED_SHARE = 0.02  # of samples at an end of the range that is called saturated
+MOST_UNTOLD_MS = 3.0  # of an RMSSD that hangs on the newest interval, which may be that of a premature beat
+UNTOLD = "whether the newest beat is premature is not known yet, rmssd_ms depends on it"
 
 
 class PpgUpdate(NamedTuple):
@@ -165,9 +167,7 @@ class PpgStream:
         good = not quality < self._config.min_quality
         rate_bpm = rate_bpm if good else np.nan
         device_bpm = self._device.at(block.received_ns)
-        hrv, hrv_reasons = self._hrv.at(block.end_ns)
-        if self._unsure.lacks(hrv, block.end_ns):
-            hrv, hrv_reasons = withheld(hrv), (LACKING,)
+        hrv, hrv_reasons = self._variability(block.end_ns)
         update = PpgUpdate(
             block.device_ns,
             block.received_ns,
@@ -189,6 +189,20 @@ class PpgStream:
         else:
             reasons.append(f"signal_quality below {self._config.min_quality:g}: heart_rate_bpm and hrv withheld")
         return update._replace(reasons=tuple(reasons + self._missing(update, device_bpm)))
+
+    def _variability(self, end_ns: int) -> tuple[Hrv, tuple[str, ...]]:
+        """Return the variability of the window that ends at end_ns, and why values are missing."""
+        span = self._hrv.span(end_ns)
+        left_out = by_timing(span.raw.rr_ms, span.raw.linked)
+        hrv, reasons = variability(span, left_out)
+        if left_out[-1:].any() and not left_out[-2:-1].any():  # the newest, of which the next one says more
+            left_out[-1] = False
+            without_ms, (hrv, reasons) = hrv.rmssd_ms, variability(span, left_out)
+            if abs(without_ms - hrv.rmssd_ms) > MOST_UNTOLD_MS:
+                return withheld(hrv), (UNTOLD,)
+        if self._unsure.lacks(hrv, end_ns):
+            return withheld(hrv), (LACKING,)
+        return hrv, reasons
 
     def _quality(
         self, block: Block, rr_ms: Floats, trusted: NDArray[np.bool_], rate_bpm: float, reasons: list[str]

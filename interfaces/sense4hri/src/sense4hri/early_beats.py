@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
 from sense4hri.medians import median
 from sense4hri.windows import windows
 
