@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from interpreter_ppg import features, jumps, lines, premature
+from interpreter_ppg.stream import UNTOLD
 
 TRIALS = Path(__file__).resolve().parents[2] / "bench" / "ppg_trials.py"
 spec = importlib.util.spec_from_file_location("ppg_trials", TRIALS)
@@ -385,6 +386,18 @@ def test_premature_beats_with_pulses_as_high_are_no_variability(bpm, early, heig
     told_ms = [u.hrv.rmssd_ms for u in trials.confident(updates, 0.7) if np.isfinite(u.hrv.rmssd_ms)]
     assert len(told_ms) > 10
     np.testing.assert_allclose(told_ms, heart.rmssd_ms, atol=10)
+
+
+@pytest.mark.parametrize(("bpm", "early", "height"), [(78, 0.75, 1), (58, 0.85, 0.6)])
+def test_rmssd_does_not_hang_on_a_newest_beat_that_may_be_premature(bpm, early, height):
+    """Until the next one is there RMSSD may be 6.6 and 8.4 ms off: it is withheld for that update, with the reason."""
+    t, heart = np.arange(0, 70, 1 / 55), trials.premature(70, bpm, 0.1, early, height)
+    updates = trials.play(LEVEL + PULSE * trials.pulses(heart, t, heights=heart.heights) + noise(t), 55)
+    told_ms = [u.hrv.rmssd_ms for u in trials.confident(updates, 0.7) if np.isfinite(u.hrv.rmssd_ms)]
+    np.testing.assert_allclose(told_ms, heart.rmssd_ms, atol=3)
+    untold = [u for u in updates if f"hrv: {UNTOLD}" in u.reasons]
+    assert untold
+    assert not any(np.isfinite(u.hrv.rmssd_ms) for u in untold)
 
 
 def test_a_breath_that_quickens_several_beats_makes_none_premature():
