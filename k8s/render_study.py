@@ -22,11 +22,14 @@ sys.path.insert(0, str(ROOT / "compose"))
 import overlays  # noqa: E402
 import study_file  # noqa: E402
 import surroundings  # noqa: E402
+from several_hosts import host_of  # noqa: E402
 from study_file import Service, Study, StudyError  # noqa: E402
 from workloads import Manifest, Names, is_ros, namespace_of, pods, volumes, workload  # noqa: E402
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_. -]{0,39}")
 """Of a study whose namespace is called by it."""
+MACHINE = re.compile(r"[A-Za-z0-9]([A-Za-z0-9_.-]{0,61}[A-Za-z0-9])?")
+"""Of what a cluster takes as a label of a machine."""
 FOLDERS = ("base", "single-node", "lab")
 PROMETHEUS_CONFIG = ROOT / "compose" / "prometheus" / "prometheus.yml"
 
@@ -38,6 +41,7 @@ def files(study: Study, tag: str) -> Files:
     if not NAME.fullmatch(study.name):
         text = "must be letters, digits, '.', _ and - in a cluster, 40 at most"
         raise StudyError(f"{study.file}: x-study.name: {study.name!r} {text}")
+    _check_machines(study)
     names = Names(in_a_cluster(study.name), tag)
     running = list(pods(study))
     base = _base(names, running)
@@ -45,6 +49,28 @@ def files(study: Study, tag: str) -> Files:
     found["base/kustomization.yaml"] = [overlays.kustomization([f"{name}.yaml" for name in base])]
     claims = list(base["volumes"])
     return found | overlays.single_node(names, claims) | overlays.lab(_places(study, running))
+
+
+def _check_machines(study: Study) -> None:
+    """Raise StudyError where no label can have a machine's name, or two machines have each a volume of one name."""
+    for name in study.hosts:
+        if not MACHINE.fullmatch(name):
+            text = "must end with a letter or digit in a cluster, 63 signs at most"
+            raise StudyError(f"{study.file}: x-study.hosts: {name!r} {text}")
+    if study.hosts:
+        _check_volumes(study)
+
+
+def _check_volumes(study: Study) -> None:
+    """In a cluster volumes of one name are one, which one machine mounts at a time."""
+    first: dict[str, Service] = {}
+    for service in study.services:
+        for volume in sorted(volumes(service)):
+            other = first.setdefault(volume, service)
+            here, there = host_of(study, service), host_of(study, other)
+            if here != there:
+                text = f"{volume} is on {here}, that of {other.name} on {there}; in a cluster they are one: rename one"
+                raise StudyError(f"{study.file}: services.{service.name}.volumes: {text}")
 
 
 def in_a_cluster(name: str) -> str:
@@ -78,10 +104,16 @@ def _claimed(own: Mapping[str, list[Manifest]]) -> list[tuple[str, str]]:
 
 
 def _places(study: Study, running: list[tuple[Service, list[Service]]]) -> dict[str, list[str]]:
-    """Which services run at the machine with the radio, and which at the one that keeps the recordings.
+    """Which services run on which machine of a lab, by the label of that machine.
 
-    At the radio: every driver, and whoever shares a volume with one.
+    Of a study on several, on those that it names; clock-sync, which Compose runs on all of them, anywhere. Else at the
+    machine with the radio, which is every driver and whoever shares a volume with one, and at the one that keeps the
+    recordings.
     """
+    if study.hosts:
+        return {
+            host: [service.name for service, _ in running if host_of(study, service) == host] for host in study.hosts
+        }
     drivers = [service for service, _ in running if service.sensor_id]
     shared = {name for driver in drivers for name in volumes(driver)}
     return {

@@ -1,7 +1,7 @@
 #!/bin/bash
 # A Kubernetes of one machine for tests, in namespaces of its own: node.sh CACHE WORK. CACHE is what build.sh prints; WORK is an empty folder for
 # logs. When this script is ended, even by SIGKILL, all of it is gone but WORK and empty cgroups of its name. Needs root, Docker 20.10,
-# cgroup v1, and memory: images and volumes lie in it, 2 GB with the demo study's. Multicast between pods is dropped, as in most clusters.
+# cgroup v1, and memory: images and volumes lie in it, 1.2 GB with the study of the tests. Multicast between pods is dropped, as in most clusters.
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 if [ "${3:-}" != inside ]; then

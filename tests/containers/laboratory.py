@@ -21,61 +21,27 @@ from networks import Networks
 from several_hosts import host_of
 
 DESK, RADIO = "lab-a", "lab-b"
-STUDY = """
-name: two-networks
-x-study:
-  name: two-networks
-  hosts: {addresses}
-x-ours: &radio
-  volumes: [radio:/run/dbus]
-  x-host: lab-b
-services:
-  h10-1:
-    <<: *radio
-    extends: {{file: {compose}, service: driver-polar}}
-    command: >
-      python -m driver_polar --ros-args -p sensor_id:=h10_1 -p human_id:=p1 -p model:=H10
-      -p "name:=Polar H10 1A2B3C01" -p "streams:=[ecg]"
-  h10-2: # worn by nobody until the page says by whom
-    <<: *radio
-    extends: {{file: {compose}, service: driver-polar}}
-    command: >
-      python -m driver_polar --ros-args -p sensor_id:=h10_2 -p model:=H10
-      -p "name:=Polar H10 1A2B3C03" -p "streams:=[ecg]"
-  sensor-bench:
-    <<: *radio
-    extends: {{file: {compose}, service: sensor-bench}}
-  interpreter-ecg: {{extends: {{file: {compose}, service: interpreter-ecg}}}}
-  clock-sync: {{extends: {{file: {compose}, service: clock-sync}}}}
-  recorder: {{extends: {{file: {compose}, service: recorder}}}}
-  metadata-registry: {{extends: {{file: {compose}, service: metadata-registry}}}}
-  session-coordinator: {{extends: {{file: {compose}, service: session-coordinator}}}}
-  web-gui: {{extends: {{file: {compose}, service: web-gui}}}}
-  prometheus: {{extends: {{file: {compose}, service: prometheus}}}}
-volumes:
-  recordings:
-  registry:
-  session:
-  prometheus:
-  radio:
-    driver_opts: {{type: tmpfs, device: tmpfs, o: "uid=10001,mode=755,size=1m"}}
-"""
+STUDY = Path(__file__).with_name("two_networks.yaml")
+ADDRESSES = {DESK: "LAB_A", RADIO: "LAB_B"}
+"""Variables of the study file."""
 LISTENS = "0A"
 
 
 class Laboratory:
-    """Both machines, what each runs of the study, and the clock of lab-b. patch: for what compose/tls.yaml is told."""
+    """Both machines, what each runs of the study, and the clock of lab-b.
+
+    patch: for what the study file and compose/tls.yaml are told.
+    """
 
     def __init__(self, folder: Path, patch: pytest.MonkeyPatch) -> None:
         self.folder = folder
         self.network = Networks(DESK, RADIO)
         patch.setenv("TLS_NAME", self.network.address[DESK])
+        for host, variable in ADDRESSES.items():
+            patch.setenv(variable, self.network.address[host])
         self.parts: dict[str, Study] = {}
         try:
-            file = folder / "two-networks.yaml"
-            given = json.dumps(self.network.address)
-            file.write_text(STUDY.format(addresses=given, compose=ROOT / "compose" / "compose.yaml"))
-            self.study = study_file.read(file)
+            self.study = study_file.read(STUDY)
             there = [service.name for service in self.study.services if host_of(self.study, service) in (RADIO, "")]
             self.clock, clock = on_clock(folder / "wall_clock", there)
             self._up(DESK, ROOT / "compose" / "tls.yaml")

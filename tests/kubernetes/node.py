@@ -6,6 +6,7 @@ import os
 import shutil
 import signal
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,15 @@ ROOT = Path(__file__).resolve().parents[2]
 DOCKER = ROOT / "compose" / "docker.sh"
 PAUSE = 'CMD ["bash", "-c", "trap exit TERM; sleep infinity & wait"]'
 """Of the container that holds a pod's addresses; one that ignored SIGTERM would keep a deleted pod for a minute."""
+
+POST = """
+import http.client, sys
+address, path, token, body = sys.argv[1:]
+told = {"Content-Type": "application/json", "Authorization": f"Bearer {token}"}
+link = http.client.HTTPConnection(address, 9464, timeout=30)
+link.request("POST", path, body, told)
+print(link.getresponse().status)
+"""
 
 
 class Node:
@@ -101,6 +111,12 @@ class Node:
         """The body of a GET of a service's metrics port, by way of the API server; "" where nobody answers."""
         url = f"/api/v1/namespaces/{namespace}/services/{service}:9464/proxy{path}"
         return self.kubectl("get", "--raw", url, check=False).stdout
+
+    def post(self, namespace: str, service: str, path: str, fields: dict[str, Any], token: str) -> int:
+        """The status of a POST of JSON at the address of a service; the API server would keep the token to itself."""
+        (found,) = self.get("services", namespace, "--field-selector", f"metadata.name={service}")
+        words = (found["spec"]["clusterIP"], path, token, json.dumps(fields))
+        return int(self.inside(sys.executable, "-S", "-c", POST, *words).stdout)
 
     def close(self) -> None:
         """End everything at once, and remove what it has left."""

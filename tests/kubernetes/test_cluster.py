@@ -1,4 +1,7 @@
-"""The demo study on a real cluster of one machine: refused where wrong, up, hurt. The tests build on each other."""
+"""A study of two participants on a real cluster of one machine: refused where wrong, up, hurt.
+
+It is the one that tests/containers/test_two_networks.py brings up on two machines. The tests build on each other.
+"""
 
 import json
 import subprocess
@@ -8,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import render_study
+import study_tokens
 import yaml
 from cluster_cache import CACHE
 from kubectl import rendered
@@ -22,9 +27,11 @@ pytestmark = [
     pytest.mark.skipif(Path("/sys/fs/cgroup/cgroup.controllers").exists(), reason="Kubernetes 1.20 needs cgroup v1"),
 ]
 DEMO = ROOT / "k8s" / "demo"
-NAMESPACE = "sense4hri-demo"
-STRAP, BAND = "h10-1", "verity-2"
-FOLDERS = "/var/lib/sense4hri/demo"
+STUDY = ROOT / "tests" / "containers" / "two_networks.yaml"
+NAMESPACE = "sense4hri-two-networks"
+STRAP, UNWORN = "h10-1", "h10-2"
+STREAMS = {"p1": "h10_1", "p2": "h10_2"}
+FOLDERS = "/var/lib/sense4hri/two-networks"
 RECORDINGS = f"{FOLDERS}/recordings"
 READY_S = 400.0
 
@@ -32,8 +39,16 @@ Manifest = dict[str, Any]
 
 
 @pytest.fixture(scope="module")
-def overlay() -> list[Manifest]:
-    return rendered(DEMO / "single-node")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What `make k8s` writes of the study, in a folder of the name that it would have there."""
+    folder = tmp_path_factory.mktemp("k8s") / STUDY.stem
+    render_study.write(str(STUDY), folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def overlay(study: Path) -> list[Manifest]:
+    return rendered(study / "single-node")
 
 
 @pytest.fixture(scope="module")
@@ -109,12 +124,30 @@ def test_a_bad_manifest_is_refused(node, overlay, fault, tmp_path):
     assert "created" not in refused.stdout
 
 
-def test_the_study_comes_up_without_multicast(node):
+@pytest.fixture(scope="module")
+def demo(node: Node) -> None:
+    """The namespace of the demo study, for what is only tried without being stored."""
+    node.kubectl("create", "namespace", "sense4hri-demo")
+
+
+@pytest.mark.parametrize("name", ["single-node", "lab"])
+@pytest.mark.usefixtures("demo")
+def test_the_overlays_of_the_demo_are_accepted(node, name, tmp_path):
+    """A real API server takes every object of both overlays that are committed."""
+    items = rendered(DEMO / name)
+    file = tmp_path / "demo.json"
+    file.write_text(json.dumps({"apiVersion": "v1", "kind": "List", "items": items}))
+    accepted = node.kubectl("apply", "--dry-run=server", "-f", file).stdout.splitlines()
+    assert len(accepted) == len(items)
+
+
+def test_the_study_comes_up_without_multicast(node, study, overlay):
     """k8s/up.sh brings the overlay up as it is: every pod is Ready, though no multicast passes between them."""
-    up = [ROOT / "k8s" / "up.sh", DEMO / "single-node"]
+    up = [ROOT / "k8s" / "up.sh", study / "single-node"]
     done = subprocess.run(up, env=node.with_kubectl(), capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
-    names = {each["metadata"]["name"] for each in deployments(rendered(DEMO / "single-node"))}
+    names = {each["metadata"]["name"] for each in deployments(overlay)}
+    assert len(names) == 10
 
     def all_ready() -> bool:
         found = pods(node)
@@ -125,32 +158,44 @@ def test_the_study_comes_up_without_multicast(node):
     assert int(dropped[0]) > 0, "nobody tried multicast: its rule is not where packets pass"
 
 
-def test_the_overlay_for_a_lab_is_accepted(node, tmp_path):
+def test_the_overlay_for_a_lab_is_accepted(node, study, tmp_path):
     """The API server accepts the Deployments for a lab as well, which differ in where they run."""
     file = tmp_path / "lab.json"
-    file.write_text(json.dumps({"apiVersion": "v1", "kind": "List", "items": deployments(rendered(DEMO / "lab"))}))
+    file.write_text(json.dumps({"apiVersion": "v1", "kind": "List", "items": deployments(rendered(study / "lab"))}))
     accepted = node.kubectl("apply", "--dry-run=server", "-f", file).stdout.splitlines()
     assert accepted
     assert all("configured" in line or "unchanged" in line for line in accepted)
 
 
+def test_somebody_puts_the_second_strap_on(node):
+    """The registry takes the order of whoever has the token to operate, which up.sh has put into the cluster."""
+    own = study_tokens.folder(str(STUDY))
+    wish = {"sensor_id": STREAMS["p2"], "human_id": "p2"}
+
+    def assign(role: str) -> int:
+        return node.post(NAMESPACE, "metadata-registry", "/assign", wish, (own / role).read_text().strip())
+
+    assert assign("view") == 403
+    wait_for(lambda: assign("operate") == 200, 60, "h10_2 is assigned to p2")
+
+
 def test_a_recording_with_features_is_on_its_volume(node):
     """A session started in the cluster leaves a recording on the claim's volume, with raw data and features of both."""
-    session(
-        node, "start", "--study", "demo", "--session", "cluster", "--allow-warmup", "--human", "p1", "--human", "p2"
-    )
+    humans = [word for human in STREAMS for word in ("--human", human)]
+    features = [word for human in STREAMS for word in ("--require", f"/humans/physiological/{human}/ecg/*/features")]
+    session(node, "start", "--study", "two-networks", "--session", "cluster", "--allow-warmup", *humans, *features)
     fed = values(node, "interpreter-ecg", "sense4hri_messages_total")
 
     def went_on() -> bool:
         now = values(node, "interpreter-ecg", "sense4hri_messages_total")
-        return all(now.get(strap, 0.0) > fed.get(strap, 0.0) + 10 for strap in ("h10_1", "h10_2"))
+        return all(now.get(strap, 0.0) > fed.get(strap, 0.0) + 10 for strap in STREAMS.values())
 
     wait_for(went_on, 90, "both straps are heard by the interpreter")
     wait_for(lambda: session(node, "stop"), 60, "the coordinator of a busy machine answers the one who stops")
-    parts = sorted({file.parent for file in node.path(f"{RECORDINGS}/demo").rglob("*.mcap")})
+    parts = sorted({file.parent for file in node.path(f"{RECORDINGS}/two-networks").rglob("*.mcap")})
     with AnyReader(parts) as reader:
         counts = {topic: entry.msgcount for topic, entry in reader.topics.items()}
-    for human, sensor in (("p1", "h10_1"), ("p2", "h10_2")):
+    for human, sensor in STREAMS.items():
         for field in ("raw", "features"):
             assert counts.get(f"/humans/physiological/{human}/ecg/{sensor}/{field}", 0) > 0, (sensor, field, counts)
 
@@ -177,11 +222,19 @@ def test_a_wrong_configuration_is_a_crash_loop_with_its_sentence(node):
     words = [
         {"op": "add", "path": "/spec/template/spec/containers/0/args/-", "value": each} for each in ("-p", "model:=X")
     ]
-    deployment = ("--namespace", NAMESPACE, "patch", "deployment", BAND, "--type=json", f"--patch={json.dumps(words)}")
+    deployment = (
+        "--namespace",
+        NAMESPACE,
+        "patch",
+        "deployment",
+        UNWORN,
+        "--type=json",
+        f"--patch={json.dumps(words)}",
+    )
     node.kubectl(*deployment)
 
     def waits() -> list[Manifest]:
-        states = [each for pod in pods(node, BAND) for each in pod["status"].get("containerStatuses", [])]
+        states = [each for pod in pods(node, UNWORN) for each in pod["status"].get("containerStatuses", [])]
         return [each for each in states if each["state"].get("waiting", {}).get("reason") == "CrashLoopBackOff"]
 
     (status,) = wait_for(waits, 300, "the pod is in CrashLoopBackOff")

@@ -20,6 +20,7 @@ OF_THIS_MACHINE = {"file": "recording-1", "nine-modalities": "amplifier-1", "ser
 """Ready studies that no cluster can run, and whose files are in a folder of the machine."""
 ON_THE_NETWORK = {"lsl": "eeg-1", "pupil-labs": "core-1"}
 """Ready studies that no cluster can run, and whose devices are on the network, where no policy lets a pod go."""
+TWO_NETWORKS = ROOT / "tests" / "containers" / "two_networks.yaml"
 OVERLAYS = ("single-node", "lab")
 OLDEST, NEWEST = "1.30", "1.37"
 
@@ -75,6 +76,17 @@ def test_every_ready_study_can_be_rendered_for_a_cluster(tmp_path, study):
     assert [fault for overlay in OVERLAYS for fault in faults_of(tmp_path / overlay, study)] == []
 
 
+def test_a_study_on_several_machines_can_be_rendered_for_a_cluster(tmp_path):
+    """Its overlays are valid and whole; in a lab each pod is on a machine that the study names, but clock-sync."""
+    render_study.write(str(TWO_NETWORKS), tmp_path)
+    assert [fault for overlay in OVERLAYS for fault in faults_of(tmp_path / overlay, "two-networks")] == []
+    selected = selectors(rendered(tmp_path / "lab"))
+    assert selected.pop("clock-sync") == {}
+    at_radio = {name for name, labels in selected.items() if labels == {"sense4hri.org/lab-b": "true"}}
+    assert at_radio == {"h10-1", "h10-2", "sensor-bench"}
+    assert all(selected[name] == {"sense4hri.org/lab-a": "true"} for name in selected.keys() - at_radio)
+
+
 @pytest.mark.parametrize("study", OF_THIS_MACHINE)
 def test_files_of_this_machine_reach_no_pod(tmp_path, study):
     """A study whose files are in a folder here is refused at that service, also where it shares a volume."""
@@ -90,13 +102,15 @@ def test_devices_on_the_network_reach_no_pod(tmp_path, study):
         render_study.write(study, tmp_path)
 
 
+def selectors(manifests: list[Manifest]) -> dict[str, dict[str, str]]:
+    """The labels of its machine that each Deployment asks for."""
+    deployed = [each for each in manifests if each["kind"] == "Deployment"]
+    return {each["metadata"]["name"]: each["spec"]["template"]["spec"].get("nodeSelector", {}) for each in deployed}
+
+
 def test_drivers_of_real_sensors_are_pinned_to_the_radio(polar):
     """In a lab the drivers run where the label says that the radio is, and what reads recordings where those are."""
-    places = {
-        each["metadata"]["name"]: set(each["spec"]["template"]["spec"].get("nodeSelector", {}))
-        for each in polar
-        if each["kind"] == "Deployment"
-    }
+    places = selectors(polar)
     assert {name for name, labels in places.items() if "sense4hri.org/radio" in labels} == {"h10-1", "verity-1"}
     at_recordings = {name for name, labels in places.items() if "sense4hri.org/recordings" in labels}
     assert at_recordings == {"recorder", "web-gui"}

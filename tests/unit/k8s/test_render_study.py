@@ -227,3 +227,42 @@ def test_prometheus_gets_the_view_token_alone_and_probes_know_it(tmp_path):
     assert "/run/secrets" in [each["mountPath"] for each in own["volumeMounts"]]
     for probe in ("startupProbe", "readinessProbe", "livenessProbe"):
         assert own[probe]["exec"] == {"command": ["ready", "9090"]}
+
+
+TWO = "x-study: {name: trial, hosts: {lab-a: 192.0.2.1, lab-b: 192.0.2.2}}\nservices:\n"
+
+
+def places(folder: Path, services: str) -> dict[str, set[str]]:
+    """Where the overlay for a lab puts the Deployments of a study on two machines, by the labels it asks for."""
+    (folder / "study.yaml").write_text(TWO + services)
+    (lab,) = yaml.safe_load_all(render_study.texts(str(folder / "study.yaml"))["lab/kustomization.yaml"])
+    found: dict[str, set[str]] = {}
+    for each in lab["patches"]:
+        (operation,) = yaml.safe_load(each["patch"])
+        (label,) = operation["value"]
+        found[label] = set(each["target"]["name"].split("|"))
+    return found
+
+
+def test_in_a_lab_each_service_runs_on_the_machine_that_its_study_names(tmp_path):
+    """Who names none is on the first, as in Compose; clock-sync, which Compose runs on all of them, may be anywhere."""
+    belt = "  belt: {image: x, x-host: lab-b, command: y --ros-args -p sensor_id:=belt_1}\n"
+    clock = "  clock-sync: {image: x, command: python -m clock_sync}\n"
+    found = places(tmp_path, f"{belt}{clock}  recorder: {{image: x, volumes: ['recordings:/recordings']}}\n")
+    assert found == {"sense4hri.org/lab-b": {"belt"}, "sense4hri.org/lab-a": {"recorder"}}
+
+
+def test_a_volume_of_two_machines_is_refused(tmp_path):
+    """In Compose each has its own of that name; in a cluster it would be one, which one machine mounts at a time."""
+    keys = "image: x, volumes: ['radio:/run/x']"
+    sentence = "services.belt.volumes: radio is on lab-a, that of bench on lab-b"
+    with pytest.raises(StudyError, match=re.escape(sentence)):
+        places(tmp_path, f"  bench: {{{keys}, x-host: lab-b}}\n  belt: {{{keys}}}\n")
+
+
+@pytest.mark.parametrize("name", ["lab-", "a" * 64])
+def test_a_machine_that_no_label_can_name_is_refused(tmp_path, name):
+    """The overlay for a lab asks for a label of its name."""
+    (tmp_path / "study.yaml").write_text(f"x-study: {{name: trial, hosts: {{{name}: 192.0.2.1}}}}\nservices: {{}}\n")
+    with pytest.raises(StudyError, match=f"x-study.hosts: '{name}' must end with a letter or digit"):
+        render_study.texts(str(tmp_path / "study.yaml"))
