@@ -164,7 +164,7 @@ class Frames:
         self._next = number
         return True, noise
 
-    def _may_follow(self, numbers: Octets) -> NDArray[np.bool_]:
+    def _may_follow(self, numbers: NDArray[np.integer]) -> NDArray[np.bool_]:
         """Return where the next frame may begin if no byte was lost, by the number it then has.
 
         Among the first few frames others may be missing whole; later any other number is taken for noise.
