@@ -339,3 +339,120 @@ def test_something_else_on_the_port_is_named(tmp_path: Path) -> None:
                 await anext(Bitalino(config, streams_of(config)).stream())
 
     asyncio.run(drive())
+
+
+def seconds_of(octets: bytes, channels: int, random: np.random.Generator) -> list[bytes]:
+    """As they come off a link: pieces of any length, also of a part of a frame."""
+    cuts = np.sort(random.integers(0, len(octets), len(octets) // (20 * protocol.frame_bytes(channels))))
+    return [each.tobytes() for each in np.split(np.frombuffer(octets, np.uint8), cuts)]
+
+
+def flipped(octets: bytes, share: float, random: np.random.Generator) -> bytes:
+    bits = np.unpackbits(np.frombuffer(octets, np.uint8))
+    return np.packbits(bits ^ (random.random(len(bits)) < share)).tobytes()
+
+
+def cut_and_doubled(octets: bytes, size: int, random: np.random.Generator) -> bytes:
+    """One frame in 50 without its end, one in 50 twice."""
+    frames = [octets[at : at + size] for at in range(0, len(octets), size)]
+    kinds = random.integers(0, 50, len(frames)).tolist()
+    return b"".join(
+        {0: frame[: random.integers(size)], 1: 2 * frame}.get(kind, frame)
+        for kind, frame in zip(kinds, frames, strict=True)
+    )
+
+
+def through(octets: bytes, channels: int, seed: int = 0) -> tuple[np.ndarray, int, int]:
+    """The samples that come of it, what is said to be missing, and the most bytes that ever waited."""
+    random, frames, buffer = np.random.default_rng(seed), Frames(channels), bytearray()
+    runs, most = [Run(0, np.empty((0, 4), int), np.empty((0, channels), int))], 0
+    for piece in seconds_of(octets, channels, random):
+        buffer += piece
+        runs += [each for each in frames.take(buffer) if isinstance(each, Run)]
+        most = max(most, len(buffer))
+    return np.concatenate([run.counts for run in runs]), sum(run.lost for run in runs), most
+
+
+@pytest.mark.parametrize("channels", [1, 4, 6])
+def test_bad_air_is_counted_and_over_with_the_first_good_frames(channels: int) -> None:
+    """A bit in 1000 wrong, frames cut and doubled: came + counted is what was sampled, and what comes is right."""
+    random, size = np.random.default_rng(channels), protocol.frame_bytes(channels)
+    octets = started(board(), channels).send(2.0)
+    first, bad, broken, last = (octets[at * size : (at + 500) * size] for at in range(0, 2000, 500))
+    air = first + flipped(bad, 0.001, random) + cut_and_doubled(broken, size, random) + last
+    came, lost, most = through(air, channels)
+    assert len(came) + lost == 2000
+    assert most < protocol.CONFIRM * size
+    np.testing.assert_array_equal(came[-490:], wanted(channels, 2000)[-490:])
+
+
+@pytest.mark.parametrize("channels", [2, 4, 6])
+def test_a_wrong_frame_passes_by_the_chance_of_its_crc_alone(channels: int) -> None:
+    """A bit in 100 wrong, which spoils every second or third frame: at most 1 of 16 of those comes as a sample."""
+    random, size = np.random.default_rng(channels), protocol.frame_bytes(channels)
+    octets = started(board(), channels).send(1.0)
+    spoilt = flipped(octets, 0.01, random)
+    came, _, _ = through(spoilt, channels)
+    right = {tuple(row) for row in wanted(channels, 1024).tolist()}
+    wrong = sum(tuple(row) not in right for row in came.tolist())
+    hit = sum(octets[at : at + size] != spoilt[at : at + size] for at in range(0, len(octets), size))
+    assert hit > 100
+    assert wrong <= hit / 16
+    assert len(came) > 0.8 * (1000 - hit)
+
+
+@pytest.mark.parametrize("channels", [1, 6])
+def test_noise_is_no_frame_and_holds_nobody_up(channels: int) -> None:
+    """50 kB in one read: next to nothing of it is a sample, nothing is kept, and good frames are known at once."""
+    random, size = np.random.default_rng(channels), protocol.frame_bytes(channels)
+    octets = started(board(), channels).send(0.4)
+    frames, buffer = Frames(channels), bytearray(octets[: 200 * size] + random.bytes(50_000) + octets[200 * size :])
+    came = np.concatenate([each.counts for each in frames.take(buffer) if isinstance(each, Run)])
+    assert 395 <= len(came) <= 410
+    np.testing.assert_array_equal(came[-190:], wanted(channels, 400)[-190:])
+    assert len(buffer) < protocol.CONFIRM * size
+
+
+def test_bad_air_that_was_held_up_is_read_piece_by_piece(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A search costs what a few frames do, however many wait: a stalled host is not kept busy for seconds."""
+    looked_at, crc_fits = list[int](), protocol.crc_fits
+    monkeypatch.setattr(protocol, "crc_fits", lambda frames: looked_at.append(len(frames)) or crc_fits(frames))
+    octets = flipped(started(board(), 6).send(2.0), 0.01, np.random.default_rng(1))
+    for _ in Frames(6).take(bytearray(octets)):
+        pass
+    assert max(looked_at) < len(octets) / 20
+
+
+@pytest.mark.parametrize(
+    ("answer", "known_as", "has_state"),
+    [
+        (b"BITalino_v10.2\r\n", "BITalino_v10.2", True),
+        (b"BITalino_v5.1\0\x1b\n", "BITalino_v5.1", True),
+        (b"BITalino_v4.2\n", "BITalino_v4.2", False),
+        (b"v5\n", "calls itself 'v5'", False),
+        (b"BITalino" * 20, "it answers b'BITalinoBITalino", False),
+    ],
+)
+def test_what_a_board_may_call_itself(tmp_path: Path, answer: bytes, known_as: str, has_state: bool) -> None:
+    """Any number of its firmware, with whatever stands beside it; a name too short or too long is another device's."""
+    device = board()
+
+    def receive(octets: bytes, time_s: float) -> bytes:
+        return answer if octets == protocol.VERSION else device.receive(octets, time_s)
+
+    config = BitalinoConfig(sensor_id="b_1", port=f"{tmp_path}/b", channels=("A1: raw",))
+
+    async def connect() -> list[Item]:
+        async with plugged(tmp_path / "b", SimpleNamespace(receive=receive, send=device.send)):
+            stream = Bitalino(config, streams_of(config)).stream()
+            items = [await anext(stream), await anext(stream)]
+            await stream.aclose()
+        return items
+
+    if "BITalino" not in known_as or " " in known_as:
+        with pytest.raises(DeviceLost, match=known_as):
+            asyncio.run(connect())
+        return
+    identity, second = asyncio.run(connect())
+    assert identity == Identity(firmware_version=known_as)
+    assert isinstance(second, Status) is has_state

@@ -3,7 +3,6 @@
 import re
 import shutil
 import zipfile
-from pathlib import Path
 
 import fastavro
 import numpy as np
@@ -14,8 +13,6 @@ from driver_file.config import FileConfig
 from driver_file.device import Tape
 from sense4hri.device import Samples
 from sense4hri.errors import ConfigError
-
-README = Path(__file__).resolve().parents[3] / "services" / "driver-file" / "README.md"
 
 ASC = """\
 ** a comment
@@ -256,18 +253,6 @@ def test_eyelink(tmp_path):
     ]
     right, _ = read(tmp_path / "a.asc", "eye_tracking: gaze_x_right, gaze_y_right")
     np.testing.assert_array_equal(right["eye_tracking"].values[:, 1], [385, 385.5, 386, np.nan])
-
-
-def test_the_lines_of_the_readme_say_what_the_readme_says(tmp_path):
-    """Two samples of two eyes, the left one lost in the second, and a message."""
-    (lines,) = re.findall(r"```\n(SAMPLES.*?)```", README.read_text(), re.S)
-    (tmp_path / "a.asc").write_text(lines)
-    streams, events = read(tmp_path / "a.asc")
-    gaze, pupil = streams["eye_tracking"], streams["pupillometry"]
-    assert (gaze.times_ns.tolist(), gaze.stream.unit) == ([4718600000000, 4718602000000], "px")
-    np.testing.assert_array_equal(gaze.values, [[511.2, 383.9], [np.nan, np.nan]])
-    np.testing.assert_array_equal(pupil.values, [[1204.0, 1180.0], [np.nan, 1181.0]])
-    assert [(each.time_ns, each.name, each.value) for each in events] == [(4718598000000, "stimulus", "face 3")]
 
 
 def test_an_eyelink_of_one_eye(tmp_path):

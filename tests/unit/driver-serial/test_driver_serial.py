@@ -15,7 +15,7 @@ from sense4hri import wire
 from sense4hri.chunk import Break
 from sense4hri.device import Declared, Item, Samples
 from sense4hri.errors import FrameError
-from sense4hri.holes import Holes
+from sense4hri.holes import Holes, one_by_one
 from sense4hri.sample_clock import SampleClock
 from sense4hri.stamps import SECOND_NS
 from sensor_bench.board.firmware import Sketch, cobs
@@ -210,7 +210,7 @@ def test_losses_are_known_of_streams_in_every_frame_only() -> None:
     assert {name: [item.lost for item in of(items, name)] for name in ("eda", "ppg")} == {"eda": [None], "ppg": [20]}
 
 
-@pytest.mark.parametrize(("counter", "lost"), [(COUNTER, {0, 3}), ("", {None})])
+@pytest.mark.parametrize(("counter", "lost"), [(COUNTER, {3}), ("", {None})])
 def test_losses_of_an_irregular_stream_are_the_counter_s(counter: str, lost: set[int | None]) -> None:
     """Its times tell nothing of them: with a count they are known, without one they are not."""
     streams = STREAMS.replace("rate_hz: 50", "rate_hz: 0")
@@ -263,8 +263,18 @@ def test_irregular_samples_of_one_read_follow_each_other() -> None:
     streams = STREAMS.replace("rate_hz: 50", "rate_hz: 0")
     octets = b"".join(b'{"gsr": %d}\n' % each for each in range(3))
     clock = SampleClock(0.0)
-    breaks = [clock.place(item.chunk).break_ for item in of(played(FORMS["json"] + streams, [(1.0, octets)]), "eda")]
-    assert breaks == [Break.FIRST, None, None]
+    (item,) = of(played(FORMS["json"] + streams, [(1.0, octets)]), "eda")
+    assert [clock.place(each).break_ for each in one_by_one(item.chunk, item.times_ns)] == [Break.FIRST, None, None]
+
+
+def test_irregular_samples_have_times_of_their_own() -> None:
+    """Those of the board, two in one tick among them; a frame of the next read comes after all of this one."""
+    streams = STREAMS.replace("rate_hz: 50", "rate_hz: 0")
+    octets = [b"".join(b'{"t": %d, "gsr": 1}\n' % each for each in ticks) for ticks in ((5, 5, 905), (1000,))]
+    items = of(played(FORMS["json"] + TIME + streams, [(1.0, each) for each in octets]), "eda")
+    chunks = [each for item in items for each in one_by_one(item.chunk, item.times_ns)]
+    assert [each.device_ns // 10**6 for each in chunks] == [5, 5, 905, 1000]
+    assert np.diff([each.received_ns for each in chunks]).tolist() == [1, 1, 1]
 
 
 @pytest.mark.parametrize(("unit", "again_ns"), [("ms", 1_000_000), ("us", 1_000)])

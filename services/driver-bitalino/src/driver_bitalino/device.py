@@ -21,7 +21,6 @@ from driver_bitalino.transport import Board, connected
 GATHER_S = 2 * MESSAGE_S  # that the samples of a message are waited for at most
 SILENCE_S = 3.0
 EMPTY_V, FULL_V = 3.4, 4.2  # of its lithium cell
-REVOLUTION = "BITalino_v5"
 INPUTS = {"I1": 0, "I2": 1}
 
 
@@ -36,7 +35,7 @@ class Bitalino:
         async with connected(self._config.port) as board:
             version = await board.version()
             yield Identity(firmware_version=version)
-            if version >= REVOLUTION:
+            if protocol.tells_state(version):
                 yield _status(await board.state())
             self._start(board)
             rate_hz = self._config.sampling_frequency_hz

@@ -4,6 +4,7 @@ A frame is read from its end: number of the frame 4 bits, CRC 4, I1 I2 O1 O2, th
 significant bit first: 10 bits for each of the first four, 6 for the others.
 """
 
+import re
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -16,9 +17,11 @@ from driver_bitalino.sensors import bits_of
 RATES = {1: 0, 10: 1, 100: 2, 1000: 3}  # Hz -> code
 STOP, VERSION, STATE = b"\x00", b"\x07", b"\x0b"
 STATE_BYTES = 16
+REVOLUTION = 5  # the first firmware that answers STATE
 ROUND = 16  # the number of a frame begins again
 CONFIRM = 3  # frames in a row that show where frames begin
 MISSED = 2  # frames that may be missing between those that show that none of their bytes were lost
+AT_ONCE = 64  # frames that are looked at together: bad air costs a search for every other one, through all of them
 HEADER_BITS, DIGITAL = 12, slice(8, 12)
 Octets = NDArray[np.uint8]
 
@@ -79,6 +82,12 @@ def crc_fits(frames: Octets) -> NDArray[np.bool_]:
     return CRC[crc] == nibbles[-1]
 
 
+def tells_state(version: str) -> bool:
+    """True where a board of this version, as in BITalino_v5.1, answers STATE."""
+    found = re.search(r"_v(\d+)", version)
+    return found is not None and int(found[1]) >= REVOLUTION
+
+
 def decode_state(octets: bytes) -> State:
     """Return what a board's answer to STATE says. Raises FrameError."""
     if len(octets) != STATE_BYTES or not crc_fits(np.frombuffer(octets, np.uint8)[None])[0]:
@@ -93,46 +102,60 @@ class Frames:
     def __init__(self, channels: int) -> None:
         self.size, self._channels = frame_bytes(channels), channels
         self._next: int | None = None  # number of the next frame
+        self._last = b""  # the frame before it
+        self._passed_over = 0  # bytes since then
         self._lost = 0
 
     def take(self, buffer: bytearray) -> Iterator[Run | FrameError]:
         """Take every whole frame in step out of the buffer; bytes between them become the error that says how many."""
-        while len(buffer) >= self.size:
-            whole = len(buffer) // self.size * self.size
-            frames = np.frombuffer(bytes(buffer[:whole]), np.uint8).reshape(-1, self.size)
-            if count := self._in_step(frames):
-                del buffer[: count * self.size]
-                yield self._run(frames[:count])
-                continue
-            found, noise = self._search(buffer)
+        while True:
+            if len(frames := self._continued(buffer)):
+                yield self._run(frames)
+            found, noise = self._search(bytes(buffer[: AT_ONCE * self.size]))
             if noise:
                 error = FrameError(f"{noise} bytes that belong to no frame ({buffer[:8].hex()})")
                 del buffer[:noise]
+                self._passed_over += noise
                 yield error
-            if not found:
+            elif not found:
                 return
+
+    def _continued(self, buffer: bytearray) -> Octets:
+        """Take the frames out of the buffer that continue those before, shape (n, bytes)."""
+        taken = [np.empty((0, self.size), np.uint8)]
+        while count := self._in_step(frames := self._ahead(buffer)):
+            del buffer[: count * self.size]
+            taken.append(frames[:count])
+            self._next, self._last = (int(frames[count - 1, -1] >> 4) + 1) % ROUND, frames[count - 1].tobytes()
+            self._passed_over = 0
+        return np.concatenate(taken)
+
+    def _ahead(self, buffer: bytearray) -> Octets:
+        whole = min(len(buffer) // self.size, AT_ONCE) * self.size
+        return np.frombuffer(bytes(buffer[:whole]), np.uint8).reshape(-1, self.size)
 
     def _in_step(self, frames: Octets) -> int:
         """Return how many frames from the first on are right and follow the one before."""
-        if self._next is None:
+        if self._next is None or not len(frames):
             return 0
         wanted = (self._next + np.arange(len(frames))) % ROUND
         wrong = np.flatnonzero(~crc_fits(frames) | (frames[:, -1] >> 4 != wanted))
         return int(wrong[0]) if wrong.size else len(frames)
 
-    def _search(self, buffer: bytearray) -> tuple[bool, int]:
+    def _search(self, octets: bytes) -> tuple[bool, int]:
         """Return whether frames in a row begin somewhere, and how many bytes before them belong to none."""
-        octets = np.lib.stride_tricks.sliding_window_view(np.frombuffer(bytes(buffer), np.uint8), self.size)
-        last = len(octets) - (CONFIRM - 1) * self.size  # where the first of them may begin
+        last = len(octets) + 1 - CONFIRM * self.size  # where the first of them may begin
         if last <= 0:
             return False, 0
-        right, numbers = crc_fits(octets), octets[:, -1] >> 4
+        if self._last and octets.startswith(self._last):
+            return False, self.size  # it came twice: no round of frames is missing
+        windows = np.lib.stride_tricks.sliding_window_view(np.frombuffer(octets, np.uint8), self.size)
+        right, numbers = crc_fits(windows), windows[:, -1] >> 4
         later = [slice(step * self.size, step * self.size + last) for step in range(1, CONFIRM)]
         ahead = [(numbers[each] - numbers[:last] - step) % ROUND for step, each in enumerate(later, 1)]
         in_a_row = np.all([right[each] & (by == 0) for each, by in zip(later, ahead, strict=True)], axis=0)
         near = np.any([right[each] & (by <= MISSED) for each, by in zip(later, ahead, strict=True)], axis=0)
-        in_step = np.arange(last) % self.size == 0  # where the next frame begins if no byte was lost
-        begins = right[:last] & (in_a_row | (in_step & near))
+        begins = right[:last] & (in_a_row | (near & self._may_follow(numbers[:last])))
         if not begins.any():
             return False, last
         noise = int(np.argmax(begins))
@@ -141,9 +164,17 @@ class Frames:
         self._next = number
         return True, noise
 
+    def _may_follow(self, numbers: NDArray[np.integer]) -> NDArray[np.bool_]:
+        """Return where the next frame may begin if no byte was lost, by the number it then has.
+
+        Among the first few frames others may be missing whole; later any other number is taken for noise.
+        """
+        passed, rest = np.divmod(self._passed_over + np.arange(len(numbers)), self.size)
+        counts_on = (numbers - passed) % ROUND == self._next if self._next is not None else False
+        return (rest == 0) & ((passed < CONFIRM) | counts_on)
+
     def _run(self, frames: Octets) -> Run:
         lost, self._lost = self._lost, 0
-        self._next = (int(frames[-1, -1] >> 4) + 1) % ROUND
         bits = np.unpackbits(frames[:, ::-1], axis=1)
         counts, begin = [], HEADER_BITS
         for position in range(self._channels):

@@ -56,7 +56,7 @@ class Board:
             answer += await self._more("version")
             if len(answer) > LONGEST_VERSION:
                 raise DeviceLost(f"{self.port.address}: is no BITalino, it answers {answer[:20]!r}")
-        heard = answer.partition(b"\n")[0].decode("ascii", "replace").strip()
+        heard = "".join(filter(str.isprintable, answer.partition(b"\n")[0].decode("ascii", "replace"))).strip()
         _, name, number = heard.rpartition(NAME)  # before it may stand a byte that was still on its way
         if not name:
             raise DeviceLost(f"{self.port.address}: is no BITalino, it calls itself {heard!r}")

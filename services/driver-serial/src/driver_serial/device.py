@@ -151,25 +151,22 @@ class Pending:
             yield from self.rest(received_ns)
 
     def rest(self, received_ns: int) -> Iterator[Samples]:
-        """Yield what waits: a message, each sample its own where the stream is irregular.
+        """Yield what waits; of an irregular stream with the time of each, 0 = none: the kit makes messages of one.
 
-        Irregular samples of one read are stamped 1 ns after each other: two at one time would look like a reset.
+        What was read together with what came before is stamped 1 ns later: two at one time would look like a reset.
         """
         if not self.rows:
             return
         again, self._received_ns = received_ns == self._received_ns, received_ns
         received_ns = self._newest_ns + 1 if again else received_ns
-        size = len(self.rows) if self._own.rate_hz else 1
-        for number, begin in enumerate(range(0, len(self.rows), size)):
-            times_ns = np.array(self.times_ns[begin : begin + size], np.int64)
-            rows = np.array(self.rows[begin : begin + size], np.float64)
-            newest_ns = int(times_ns[-1]) if times_ns.size else None
-            self._newest_ns = received_ns + number
-            chunk = Chunk(tuple(self._own.channels), rows, newest_ns, self._newest_ns)
-            coarse = np.diff(times_ns).min(initial=1) == 0  # two samples in one tick: a step of two ticks is no loss
-            timed = times_ns if times_ns.size and self._own.rate_hz and not coarse else None
-            yield Samples(self._sensor_type, chunk, timed, self.lost)
-            self.lost = None if self.lost is None else 0
+        self._newest_ns = received_ns if self._own.rate_hz else received_ns + len(self.rows) - 1
+        times_ns = np.array(self.times_ns or [0] * len(self.rows), np.int64)
+        newest_ns = self.times_ns[-1] if self.times_ns else None
+        coarse = np.diff(times_ns).min(initial=1) == 0  # two samples in one tick: a step of two ticks is no loss
+        timed = times_ns if not self._own.rate_hz or (self.times_ns and not coarse) else None
+        chunk = Chunk(tuple(self._own.channels), np.array(self.rows, np.float64), newest_ns, received_ns)
+        yield Samples(self._sensor_type, chunk, timed, self.lost)
+        self.lost = None if self.lost is None else 0
         self.rows, self.times_ns = [], []
 
 
