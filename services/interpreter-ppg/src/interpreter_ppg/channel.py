@@ -62,6 +62,8 @@ class Channel:
 
     def overtones(self) -> float:
         """Return the overtones of the mean pulse over its first harmonic; NaN for fewer than three intervals."""
+        if not self._pulses:
+            return np.nan
         rises_s = np.array([pulse.time_s for pulse in self._pulses])
         return features.overtones(self._ppg, self._times_s, rises_s[rises_s >= self._times_s[0]])
 
