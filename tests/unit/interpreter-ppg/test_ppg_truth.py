@@ -40,6 +40,28 @@ def test_tremor_has_no_rate():
         assert update.heart_rate_bpm == pytest.approx(heart.rate_bpm(trials.end_s(update) - 1), abs=5)
 
 
+@pytest.mark.parametrize(("fs_hz", "frequency_hz"), [(25, 2.3), (55, 1.2), (64, 0.9), (130, 3.9)])
+def test_a_flicker_as_fast_as_a_heart_has_no_sure_rate(fs_hz, frequency_hz):
+    """A sensor off the skin sees lamps, folded to the rate of a heart: a wave without overtones is in doubt."""
+    t = np.arange(0, 60, 1 / fs_hz)
+    flicker = (1 + 0.5 * trials.sine(0.11, t)) * trials.sine(frequency_hz, t)
+    updates = trials.play(LEVEL + PULSE * flicker + noise(t), fs_hz)
+    assert not trials.confident(updates, 0.7)
+    assert any("has no overtones" in reason for update in updates for reason in update.reasons)
+
+
+@pytest.mark.parametrize(("bpm", "second"), [(45, 0.6), (75, 0.0), (110, 0.0), (200, 0.0), (240, 0.35)])
+def test_a_pulse_has_overtones(bpm, second):
+    """The mean pulse of a heart has them, also where breathing moves level, height and intervals; a sine has none."""
+    t, heart = np.arange(0, 9, 1 / 55), trials.heart(9, bpm, min(60, 3000 / bpm))
+    breath = trials.sine(0.25, t)
+    rises_s = heart.beats_s[(heart.beats_s > 0.5) & (heart.beats_s < 8.5)]
+    ppg = (1 + 0.3 * breath) * trials.pulses(heart, t, (second, 0.47, 0.13)) + breath + noise(t, 0.05)
+    assert features.overtones(ppg, t, rises_s) > 0.25
+    assert features.overtones(trials.sine(bpm / 60, t) + noise(t, 0.05), t, np.arange(0.5, 8.5, 60 / bpm)) < 0.05
+    assert np.isnan(features.overtones(ppg, t, rises_s[:2]))
+
+
 @pytest.mark.parametrize("per_min", [25.8, 26.4])
 def test_breathing_higher_than_the_pulse_is_no_heart(per_min):
     """A level that breathing moves by five times the pulse: slower than any heart, so never confident."""

@@ -60,6 +60,13 @@ class Channel:
         """Return the frequency of another rhythm than the one told; NaN where there is none, or none is told."""
         return lines.second_rhythm_hz(self._ppg, self._fs_hz, told_hz) if np.isfinite(told_hz) else np.nan
 
+    def overtones(self) -> float:
+        """Return the overtones of the mean pulse over its first harmonic; NaN for fewer than three intervals."""
+        if not self._pulses:
+            return np.nan
+        rises_s = np.array([pulse.time_s for pulse in self._pulses])
+        return features.overtones(self._ppg, self._times_s, rises_s[rises_s >= self._times_s[0]])
+
     def _quality(self, now_s: float) -> float:
         """Likeness of the pulses with their template, times the share of the window their intervals fill."""
         span_s = min(now_s, self._window_s) - LOOKAHEAD_S

@@ -137,6 +137,7 @@ class PpgStream:
         self._continues, self._correlation, self._jitter_s = False, np.nan, np.nan
         self._two_rhythms_to_ns = first_ns - 1  # until then there are two, as far as is known
         self._irregular_to_ns = first_ns - 1  # until then pulses may be missing
+        self._sine_to_ns = first_ns - 1  # until then the wave may be no pulse
         self._lasting.restart()
         self._beats.clear()
         self._hrv.restart(first_ns)
@@ -224,6 +225,11 @@ class PpgStream:
         if block.end_ns <= self._two_rhythms_to_ns or features.vanishes(channel.heights, trusted):
             quality = min(quality, IN_DOUBT)
             reasons.append("signal_quality: two rhythms, the pulse may be the slower one")
+        if channel.overtones() < features.LEAST_OVERTONES:  # a sine has no clear polarity: it is held while that turns
+            self._sine_to_ns = block.end_ns + round(self._config.window_s * SECOND_NS)
+        if block.end_ns <= self._sine_to_ns and quality > IN_DOUBT:
+            quality = IN_DOUBT
+            reasons.append("signal_quality: the wave has no overtones, it may be flicker or a tremor")
         if features.irregular(rr_ms):
             self._irregular_to_ns = block.end_ns + round(self._config.window_s * SECOND_NS)
         if block.end_ns <= self._irregular_to_ns and quality > IN_DOUBT:
