@@ -396,3 +396,21 @@ def test_bursts_of_breaths_have_no_sure_rate():
     assert len(rated) > 50
     assert np.mean([update.signal_quality >= 0.7 for update in rated]) < 0.1
     assert any("no breath for" in reason for update in rated for reason in update.reasons)
+
+
+@pytest.mark.parametrize(("pause_s", "cycle_s"), [(12, 45), (12, 60), (20, 60), (25, 75)])
+@pytest.mark.parametrize("wanes", [True, False])
+def test_a_pause_at_an_end_of_the_window_is_part_of_it(pause_s, cycle_s, wanes):
+    """18 a minute, then none for 12 to 25 s, and so on: no sure rate is 3 /min above the breaths in its window."""
+    bursts, pauses = round((cycle_s - pause_s) * 0.3), round(pause_s * 0.3)
+    high = np.sin(np.pi * np.arange(0.5, bursts) / bursts) if wanes else np.ones(bursts)
+    heights = np.array([*high, *[0.0] * pauses] * 4)
+    at_s = 10 / 3 * (np.flatnonzero(heights) + 0.4)
+    updates = [update for update in play(of_heights(heights, 18.0))[60:] if np.isfinite(update.breaths_per_min)]
+    ends_s = [(update.device_ns - T0_NS) / 1e9 for update in updates]
+    truth = [60 / 55 * np.count_nonzero((at_s > end_s - 60) & (at_s <= end_s - 5)) for end_s in ends_s]
+    above = [update.breaths_per_min - true for update, true in zip(updates, truth, strict=True)]
+    sure = [update.signal_quality >= 0.7 for update in updates]
+    assert max(np.array(above)[sure], default=0.0) < 3.0
+    assert pause_s > 12 or wanes or sum(sure) > 20
+    assert any("no breath for" in reason for update in updates for reason in update.reasons)

@@ -32,7 +32,7 @@ AGREE = 0.25  # difference of the two rates, as a share, from which they disagre
 SURE = 0.5  # likeness from which the autocorrelation is evidence against the peaks
 MISSED = 0.1  # of the breaths: so many smaller waves between them, and the rate may be another one
 APNOEA_S = 10.0  # without a breath (AASM manual, Berry et al. 2012)
-PAUSED = 0.2  # share of the window in pauses as long as that which no period holds: the rate is not that of the window
+TOO_HIGH = 2.0  # 1/min that the rate is above that of all the window, for pauses that no period holds
 LASTING_QUALITY, LASTING_BREATHS = 0.4, 2.5  # before a rate is sure: drift looks like breathing for a moment
 
 Floats = NDArray[np.float64]
@@ -166,7 +166,7 @@ class RespirationStream:
         if too_short and quality > IN_DOUBT:
             quality = IN_DOUBT
             notes.append(f"signal_quality: above {LASTING_QUALITY:g} for less than {LASTING_BREATHS:g} breaths")
-        for doubt in self._doubts(seen, window_s, start_ns):
+        for doubt in self._doubts(seen, periods_s, start_ns, block.end_ns):
             quality = min(quality, IN_DOUBT)
             notes.append(doubt)
         good = quality >= self._config.min_quality and agree
@@ -240,14 +240,18 @@ class RespirationStream:
         after_hole = np.array([breath.broken for breath in self._told[1:]], bool)
         return np.where(after_hole, np.nan, np.diff(times_s)) if len(times_s) > 1 else np.empty(0)
 
-    def _doubts(self, seen: Seen, window_s: float, start_ns: int) -> list[str]:
+    def _doubts(self, seen: Seen, periods_s: Floats, start_ns: int, end_ns: int) -> list[str]:
         """Why the rate may be another one although the belt shows breathing clearly."""
         doubts, (told, missed) = [], self._missed(seen)
-        paused_s = self._paused_s(max(start_ns, int(seen.times_ns[0])))
         if missed >= max(1, MISSED * told):
             doubts.append(f"{missed} smaller waves between {told} breaths come as evenly and may be breaths too")
-        if paused_s > PAUSED * window_s:
-            doubts.append(f"no breath for {paused_s:.0f} s of the window: the rate is that of the rest")
+        known_s = periods_s[np.isfinite(periods_s)]
+        if len(known_s):
+            from_ns = max(start_ns, int(seen.times_ns[0]))
+            paused_s = self._paused_s(seen, float(np.median(known_s)), from_ns, end_ns)
+            too_high = 60 / float(known_s.mean()) * paused_s * SECOND_NS / (end_ns - from_ns)
+            if too_high > TOO_HIGH:
+                doubts.append(f"no breath for {paused_s:.0f} s more than between others: the rate is that of the rest")
         return doubts
 
     def _missed(self, seen: Seen) -> tuple[int, int]:
@@ -260,15 +264,28 @@ class RespirationStream:
         between = (every_ns > times_ns[0] - near_ns) & (every_ns < times_ns[-1] + near_ns)
         return len(times_ns), int(np.count_nonzero(between)) - len(times_ns)
 
-    def _paused_s(self, from_ns: int) -> float:
-        """Time since then without a breath that no period holds, in s: each time APNOEA_S and longer."""
-        befores_ns = [from_ns, *(breath.time_ns for breath in self._told)]
-        pauses_s = [
-            (breath.time_ns - max(before_ns, from_ns)) / SECOND_NS
-            for before_ns, breath in zip(befores_ns, self._told, strict=False)
-            if breath.broken
+    def _paused_s(self, seen: Seen, usual_s: float, from_ns: int, end_ns: int) -> float:
+        """Time from from_ns to end_ns without a breath that no period holds, in s, less what its breaths take usually.
+
+        Where that time begins or ends in a pause, its length in it tells. It has one breath, or half one until it ends.
+        """
+        edges_s = self._edges_s(seen, from_ns, end_ns)
+        breaths = np.array([*[1.0] * (len(edges_s) - 1), 0.5])
+        edges_s = (edges_s - breaths * usual_s)[edges_s > features.LONG * usual_s]
+        inside_s = [
+            (after.time_ns - max(before.time_ns, from_ns)) / SECOND_NS
+            for before, after in pairwise(self._told)
+            if after.broken
         ]
-        return sum(pause_s for pause_s in pauses_s if pause_s >= APNOEA_S)
+        return float(edges_s.sum()) + sum(pause_s - usual_s for pause_s in inside_s if pause_s >= APNOEA_S)
+
+    def _edges_s(self, seen: Seen, from_ns: int, end_ns: int) -> Floats:
+        """Times before the first breath that was told and after the last, parted by those to be told soon, in s."""
+        last_ns = max(self._told[-1].time_ns, from_ns)
+        peaks_ns = seen.times_ns[np.array([breath.peak for breath in seen.breaths], int)]
+        soon_ns = peaks_ns[peaks_ns > last_ns + round(APART_S * SECOND_NS)]
+        after_ns = np.diff(np.concatenate([[last_ns], soon_ns, [end_ns]]))
+        return np.concatenate([[self._told[0].time_ns - from_ns], after_ns]) / SECOND_NS
 
     def _inhale_exhale(self) -> float:
         """Mean time of inspiration over that of expiration; NaN without a whole breath."""
