@@ -196,6 +196,18 @@ def test_a_driver_that_says_starting_while_no_more_samples_come_is_told_at_once(
     assert "StreamSilent" not in {problem.alert for problem in problems(study, at)}
 
 
+def test_two_recorders_of_one_name_are_told_and_are_no_restart():
+    """They beat in turn; one that is started afresh is still told as that."""
+    study = Study()
+    for half_s, run in enumerate("121212"):
+        at = NOW + half_s * S // 2
+        study.services.take(Beat("recorder", run), at)
+    told = [problem.text for problem in problems(study, at) if "recorder" in problem.text]
+    assert told == [
+        "two nodes are called recorder, and nobody can tell them apart; end one, or have them in two ROS domains"
+    ]
+
+
 def test_a_machine_that_is_too_busy_is_one_sentence():
     """However many streams it delays; the latest of them is named."""
     study = Study(clock=NEVER_SET)
