@@ -153,25 +153,42 @@ def test_a_strap_that_says_it_lies_on_the_table_has_no_heart_rate(world: World, 
 
 def test_a_heart_rate_of_a_host_whose_clock_is_off_meets_the_face_of_now(world: World, fusion: Process) -> None:
     """A driver's host a minute ahead, as /study/host_clocks says: the state has both, stamped now."""
+    world.ahead_s = 60.0
+    _of_another_host(world, -60 * 10**9, time.time_ns())
+    world.faces, world.expressions = ("abcde",), {"abcde": "neutral"}
+    calm = world.state("p1", "calm_relaxed", lambda said: said.heart_rate_bpm == pytest.approx(70.0))
+    assert calm.expression == "neutral"
+    assert abs(calm.header.stamp.sec - time.time()) < 30
+
+
+def test_a_host_measured_weeks_after_its_stamps_is_not_corrected_and_that_is_logged(
+    world: World, fusion: Process
+) -> None:
+    """As of a replay beside a live clock-sync: the heart rate's time stays that of its stamp."""
+    _of_another_host(world, -60 * 10**9, time.time_ns() + 21 * 86_400 * 10**9)
+    fusion.until("stamps of host lab_b were taken more than a day from when its clock was measured")
+    said = world.state("p1", "unknown", lambda said: said.heart_rate_bpm == pytest.approx(70.0))
+    assert abs(said.header.stamp.sec - time.time()) < 30
+
+
+def _of_another_host(world: World, offset_ns: int, measured_at_ns: int) -> None:
+    """Have a heart rate of 70 from a driver on lab_b, whose clock /study/host_clocks tells of."""
     ecg = StreamName("p1", "ecg", "h10_1")
     world.listen("p1")
-    world.ahead_s = 60.0
-    entry = HostClock(host="lab_b", reference="lab_a", offset_ns=-60 * 10**9, measured_at=from_ns(time.time_ns()))
+    measured_at = from_ns(measured_at_ns)
+    entry = HostClock(host="lab_b", reference="lab_a", offset_ns=offset_ns, skew_ppm=0.0, measured_at=measured_at)
     health = StreamHealth(host="Lab-B", state=StreamHealth.STREAMING)
     for topic, message, profile in (
         ("/study/host_clocks", HostClockArray(clocks=[entry]), qos.HOST_CLOCKS),
         (ecg.topic("health"), health, qos.HEALTH),
     ):
-        health.header.stamp = from_ns(time.time_ns() + 60 * 10**9)
+        health.header.stamp = from_ns(time.time_ns() + round(world.ahead_s * 10**9))
         world.publish(topic, message, profile)
         heard = world.publishers[topic]
         world.until(lambda heard=heard: heard.get_subscription_count(), f"fusion hears {topic}")
         world.publish(topic, message, profile)
         assert heard.wait_for_all_acked(Duration(seconds=DEADLINE_S))
-    world.rates, world.faces, world.expressions = {ecg: 70.0}, ("abcde",), {"abcde": "neutral"}
-    calm = world.state("p1", "calm_relaxed", lambda said: said.heart_rate_bpm == pytest.approx(70.0))
-    assert calm.expression == "neutral"
-    assert abs(calm.header.stamp.sec - time.time()) < 30
+    world.rates = {ecg: 70.0}
 
 
 def test_persons_and_assignments_that_were_there_before(world: World, start: Callable[..., Process]) -> None:

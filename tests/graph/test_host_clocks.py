@@ -3,12 +3,14 @@
 import signal
 import time
 from collections.abc import Callable
+from types import SimpleNamespace
 from unittest.mock import MagicMock
 
 import pytest
 from clock_sync import hosts
 from clock_sync.config import Config
-from clock_sync.hosts import STEP_EVERY_S, Reference
+from clock_sync.hosts import RIVAL_S, STEP_EVERY_S, Reference
+from clock_sync.model import State
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from ears import Ears
 from processes import Process, poll
@@ -67,6 +69,100 @@ def test_another_hosts_clock_is_measured_stepped_and_missed(start, clock, ears):
     other.kill()
     ears.until(lambda: entry(-0.5, HostClock.HOLDOVER), lambda: f"hold-over in {arrays[-1:]}")
     assert reference.stop() == 0, reference.log()
+
+
+def test_two_machines_of_one_name_are_told_and_their_clocks_are_not_mixed(start, clock, ears):
+    """Two answer as lab_b, 1.5 s apart: named on /diagnostics, not ready, never LOCKED; measured once one has gone."""
+    arrays = ears.hear(HostClockArray, TOPIC, qos.HOST_CLOCKS)
+    beats = ears.hear(DiagnosticArray, diagnostics.TOPIC, qos.HEALTH)
+    reference = start("clock_sync", host="lab_a", reference_host="lab_a")
+    ahead = start("clock_sync", host="lab_b", reference_host="lab_a", env=clock.env)
+    start("clock_sync", host="lab_b", reference_host="lab_a")
+    sentence = "two machines answer under the name of host lab_b, and their clocks are 1."
+    reference.until(sentence)
+    told = "the clock of a host is not known: two machines answer under its name: lab_b, 1."
+    ears.until(lambda: any(told in str(beat) for beat in beats), lambda: f"the sentence in {beats[-3:]}")
+    status, body = reference.get("/readyz")
+    assert status == 503
+    assert "lab_b" not in body
+    entries = [entry for array in arrays for entry in array.clocks]
+    assert all(entry.state == HostClock.WARMUP or entry.uncertainty_s > 1.0 for entry in entries), entries
+    ahead.kill()
+    told_before = len(arrays)
+
+    def locked() -> bool:
+        entries = arrays[-1].clocks if len(arrays) > told_before else []
+        return any(entry.state == HostClock.LOCKED for entry in entries)
+
+    ears.until(locked, lambda: f"the other one measured in {arrays[-1:]}")
+    assert abs(arrays[-1].clocks[0].offset_ns) < RIGHT_NS
+    reference.until("one machine answers under the name of host lab_b again")
+    poll(lambda: reference.get("/readyz")[0] == 200, "ready again")
+
+
+class Asked:
+    """A reference that asks lab_b every 0.2 s, and what answers there: clocks that are so many s ahead of its own."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now_ns = 1_700_000_000 * 10**9
+        told = SimpleNamespace(time_ns=lambda: self.now_ns, monotonic=lambda: self.now_ns * 1e-9)
+        monkeypatch.setattr(hosts, "time", told)
+        monkeypatch.setattr(hosts, "realtime_minus_monotonic_ns", lambda: 0)
+        self.service = MagicMock(config=Config())
+        self.reference = Reference(self.service, "lab_a")
+        self.reference._meet("lab_b")
+
+    def answers(self, *ahead_s: float, seconds: float = 0.2) -> HostClock | None:
+        """Return the entry of lab_b after so long; None where it has none."""
+        for _ in range(round(seconds / 0.2)):
+            self.now_ns += 200_000_000
+            self.reference._ask()
+            question = self.reference._peers["lab_b"].pending[-1]
+            for way_ns, each_s in enumerate(ahead_s):
+                at_ns = question.t1_ns + 100_000 + round(each_s * 1e9)
+                probe = ClockProbe(from_host="lab_a", to_host="lab_b", sequence=question.sequence)
+                probe.t1_ns, probe.t2_ns, probe.t3_ns = question.t1_ns, at_ns, at_ns
+                self.reference._hear(probe, {"received_timestamp": question.t1_ns + 200_000 + way_ns * 100_000})
+        self.reference._array.publish.reset_mock()
+        self.reference._tell()
+        told = self.reference._array.publish.call_args
+        return told.args[0].clocks[0] if told and told.args[0].clocks else None
+
+    @property
+    def ready(self) -> bool:
+        """Whether clock-sync has said last that it is."""
+        told = self.service.ready.call_args
+        return told is None or told.args[0]
+
+
+def test_a_clock_that_was_known_is_held_while_another_answers_under_its_name(monkeypatch):
+    """Whichever of the two is the quicker: the line is that of before, as wide as they are apart, and not LOCKED."""
+    lab_b = Asked(monkeypatch)
+    assert lab_b.answers(0.25, seconds=60).state == HostClock.LOCKED
+    for order in ((0.25, 2.25), (2.25, 0.25)) * 10:
+        entry = lab_b.answers(*order)
+        assert entry.offset_ns == pytest.approx(-250_000_000, abs=500_000)
+        assert entry.uncertainty_s >= 2.0
+        assert (entry.state, lab_b.ready) == (HostClock.WARMUP, False)
+    assert lab_b.reference.state("lab_b") is State.WARMUP
+    assert lab_b.answers(0.25, seconds=RIVAL_S - 1).state == HostClock.WARMUP
+    assert lab_b.answers(0.25, seconds=2).state == HostClock.LOCKED
+    assert lab_b.ready
+
+
+def test_a_clock_that_never_was_known_has_no_entry_while_two_answer(monkeypatch):
+    """Not a mixture, and no session begins upon it."""
+    lab_b = Asked(monkeypatch)
+    assert [lab_b.answers(*((0.0, 2.0) if number % 3 else (2.0, 0.0))) for number in range(50)] == [None] * 50
+    assert lab_b.reference.state("lab_b") is State.WARMUP
+    assert lab_b.answers(2.0, seconds=RIVAL_S + 6).state == HostClock.LOCKED
+
+
+def test_two_that_answer_by_one_clock_are_no_contradiction(monkeypatch):
+    """As two clock-syncs that were started on one machine by mistake: either may be believed."""
+    lab_b = Asked(monkeypatch)
+    assert lab_b.answers(0.25, 0.25, seconds=60).state == HostClock.LOCKED
+    assert lab_b.ready
 
 
 def test_an_answer_is_the_same_probe_with_both_times(start, ears):

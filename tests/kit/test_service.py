@@ -116,6 +116,14 @@ def test_a_service_says_that_it_lives_which_thread_hangs_and_that_it_ends(start,
     assert poll(lambda: newest().ended, "that it ends")
 
 
+def test_two_of_one_name_both_say_so_in_their_log(start):
+    """Nobody can tell them apart: two recorders, say. One alone says nothing."""
+    first, second = start("toy_service.py"), start("toy_service.py")
+    for toy in (first, second):
+        toy.until("another node is called /toy_service too")
+    assert first.log().count("another node is called") == 1
+
+
 def test_a_service_that_ends_by_itself_says_so(start, ears):
     """As a replay does at the end of its recording: who heard it is not to think that it hangs or was killed."""
     told = ears.hear(DiagnosticArray, diagnostics.TOPIC, qos.deep(qos.HEALTH))

@@ -166,7 +166,8 @@ def test_times_of_another_host_are_put_on_this_one_s_clock(host, here):
             HostClock(host="lab-c", reference="lab-a", offset_ns=ahead_ns),
         ]
     )
-    message.clocks[0].measured_at.sec = measured_ns // SECOND_NS
+    for entry in message.clocks:
+        entry.measured_at.sec = measured_ns // SECOND_NS
     clocks.take(message, 0.0)
     shown_b_ns = measured_ns + round((RECEIVED_NS - behind_ns - measured_ns) / (1 + skew))
     shown_ns = {"lab-a": RECEIVED_NS, "lab-b": shown_b_ns, "lab-c": RECEIVED_NS - ahead_ns}

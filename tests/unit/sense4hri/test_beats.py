@@ -32,6 +32,20 @@ def test_a_killed_service_that_is_back_was_started_afresh_one_that_ended_was_not
     assert beats.afresh(101.0 + AFRESH_S) == []
 
 
+def test_two_that_live_under_one_name_are_no_restart():
+    """The first is heard again after the second: neither was killed, until one of them is silent or ends in order."""
+    beats = Beats()
+    for half_s in range(8):
+        beats.take(Beat("recorder", str(half_s % 2)), half_s / 2)
+        assert beats.twins(half_s / 2) == (["recorder"] if half_s >= 2 else [])
+    assert beats.afresh(3.5) == []
+    for second in range(4, 9):
+        beats.take(Beat("recorder", "1"), float(second))
+    assert (beats.twins(8.0), beats.afresh(8.0)) == ([], [])
+    beats.take(Beat("recorder", "2"), 9.0)
+    assert (beats.twins(9.0), beats.afresh(9.0)) == ([], ["recorder"])
+
+
 def test_a_thread_that_hangs_is_told_in_its_service_s_words():
     """What the service says of itself is what is told."""
     beats = Beats()

@@ -140,3 +140,24 @@ def test_a_flood_of_sensors_pushes_out_the_silent_ones():
         sensors.told(f"made_up_{number}", "nowhere")
         assert sensors.host("h10_1") == "lab_b"
     assert len(sensors) == MOST_SENSORS
+
+
+@pytest.mark.parametrize("history", [False, True], ids=["live", "of a recording"])
+@pytest.mark.parametrize("weeks", [-3, 3])
+def test_a_line_says_nothing_of_weeks_before_and_after(history, weeks):
+    """A replay of old stamps beside a live clock-sync: 20 ppm of three weeks were 36 s; they stay, and it is said."""
+    clocks, far_ns = HostClocks(history), T0_NS + weeks * 7 * 86_400 * SECOND_NS
+    clocks.take(array("lab_b", 3_000_000, 20.0, T0_NS), 0.0)
+    assert clocks.reference_ns("Lab-B", far_ns) == far_ns
+    assert clocks.reference_ns("lab_b", np.array([far_ns, T0_NS])).tolist() == [far_ns, T0_NS + 3_000_000]
+    assert "lab_b were taken more than a day from" in clocks.doubt("lab_b", [T0_NS, far_ns])
+    assert clocks.doubt("lab_b", [T0_NS]) == clocks.doubt("lab_a", [far_ns]) == clocks.doubt("lab_b") == ""
+
+
+@pytest.mark.parametrize("hours", [-23, 23])
+def test_a_host_that_is_silent_for_hours_goes_on_as_it_did(hours):
+    """Within the longest session a jump back to what its clock shows would be worse than 1 ppm that nobody measured."""
+    clocks, far_ns = HostClocks(), T0_NS + hours * 3600 * SECOND_NS
+    clocks.take(array("lab_b", 1_500_000_000, 20.0, T0_NS), 0.0)
+    assert clocks.reference_ns("lab_b", far_ns) == far_ns + 1_500_000_000 + round(20e-6 * (far_ns - T0_NS))
+    assert clocks.doubt("lab_b", [far_ns]) == ""

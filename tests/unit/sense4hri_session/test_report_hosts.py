@@ -108,6 +108,17 @@ def test_a_host_that_nobody_measured_is_named(study):
     ]
 
 
+@pytest.mark.parametrize(("days", "said"), [(21, True), (0, False)])
+def test_stamps_that_no_entry_says_anything_of_are_told(study, days, said):
+    """A replay of three weeks before, recorded beside live hosts."""
+    play(study, EDA, "lab_b", True)
+    clock = {"host": "lab_b", "reference": "lab_a", "measured_at": stamp(at(5) + days * 86_400 * SECOND)}
+    study.messages = [message for message in study.messages if message[2] != "/study/host_clocks"]
+    study.add("/study/host_clocks", "HostClockArray", at(0), clocks=[clock | {"skew_ppm": 20.0}])
+    sentence = "stamps of host lab_b were taken more than a day from"
+    assert any(sentence in remark for remark in report(study)[1]["remarks"]) is said
+
+
 def test_the_registry_names_the_host_of_a_driver_that_does_not(study):
     """As the exports ask it: first samples lie side by side."""
     for key, host in ((ECG, "lab_a"), (EDA, "lab_b")):

@@ -60,6 +60,18 @@ def test_a_host_that_nobody_measured_is_named_in_the_notes(study, host, said):
     assert any("nobody has measured the clock of host lab_c" in note for note in session.notes) is said
 
 
+def test_a_replay_recorded_beside_live_hosts_keeps_its_stamps_and_it_is_said(study):
+    """Stamps of three weeks before: the line of now, 20 ppm of skew, would have moved them by 36 s."""
+    now_ns = 21 * 86_400 * SECOND
+    stream(study, "p1/ecg/b", "lab_b", lambda true_ns: true_ns, seconds=10)
+    clock = {"host": "lab_b", "reference": "lab_a", "measured_at": stamp(START_NS + now_ns), "skew_ppm": 20.0}
+    study.add("/study/host_clocks", "HostClockArray", START_NS, clocks=[clock])
+    session = sense4hri_session.open(study.write())
+    times_ns, _ = session["p1/ecg/b"].arrays()
+    assert np.abs(times_ns - START_NS - np.arange(100) * SECOND // 10).max() < 5_000_000
+    assert any("stamps of host lab_b were taken more than a day from" in note for note in session.notes)
+
+
 def test_markers_of_a_driver_on_another_host_lie_among_its_samples(study):
     """With device time and without, before and after a step of the host's clock: within 5 ms of the truth."""
     stream(study, "p1/ecg/a", "lab-a", lambda true_ns: true_ns)

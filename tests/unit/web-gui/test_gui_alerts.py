@@ -181,6 +181,33 @@ def test_a_slow_stream_of_a_sensor_that_is_back_is_no_error_while_it_starts():
     assert "StreamSilent" in {problem.alert for problem in problems(study, NOW)}
 
 
+@pytest.mark.parametrize(("rate_hz", "told_s"), [(130.0, 7), (0.2, 19)])
+def test_a_driver_that_says_starting_while_no_more_samples_come_is_told_at_once(rate_hz, told_s):
+    """A third-party one, whose device has gone: not as late as one that never was, nor before a slow stream can."""
+    study = Study()
+    stream = study.stream(ECG, NOW)
+    stream.raw(Chunk(("ecg",), np.zeros((13, 1)), None, NOW), NOW)
+    for second in range(1, told_s + 1):
+        at = NOW + second * S
+        stream.take_health(HEALTH | {"state": 0, "nominal_rate_hz": rate_hz}, at)
+        told = {problem.alert for problem in problems(study, at)}
+        assert ("StreamSilent" in told) is (second == told_s), second
+    stream.raw(Chunk(("ecg",), np.zeros((13, 1)), None, at), at)
+    assert "StreamSilent" not in {problem.alert for problem in problems(study, at)}
+
+
+def test_two_recorders_of_one_name_are_told_and_are_no_restart():
+    """They beat in turn; one that is started afresh is still told as that."""
+    study = Study()
+    for half_s, run in enumerate("121212"):
+        at = NOW + half_s * S // 2
+        study.services.take(Beat("recorder", run), at)
+    told = [problem.text for problem in problems(study, at) if "recorder" in problem.text]
+    assert told == [
+        "two nodes are called recorder, and nobody can tell them apart; end one, or have them in two ROS domains"
+    ]
+
+
 def test_a_machine_that_is_too_busy_is_one_sentence():
     """However many streams it delays; the latest of them is named."""
     study = Study(clock=NEVER_SET)

@@ -35,6 +35,10 @@ class _Heard(NamedTuple):
     at_s: float
     afresh_s: float
     """When it was first heard again after another run of it had not ended in order."""
+    former: str = ""
+    """The run that was heard before this one."""
+    twin_s: float = -AFRESH_S
+    """When a run was heard last after another one that had been heard after it: both live."""
 
 
 class Beats:
@@ -48,8 +52,7 @@ class Beats:
         before = self._heard.pop(beat.service, None)
         if beat.ended or (before is None and not self._has_room(now_s)):
             return
-        afresh_s = now_s if before and before.beat.run != beat.run else before.afresh_s if before else -AFRESH_S
-        self._heard[beat.service] = _Heard(beat, now_s, afresh_s)
+        self._heard[beat.service] = _after(before, beat, now_s)
 
     def _has_room(self, now_s: float) -> bool:
         """Whether one more can be kept: where as many are as may be, who has long been silent makes room."""
@@ -69,9 +72,24 @@ class Beats:
         """Return what is wrong with whom: a sentence by the name of the node, the same until it lives again."""
         return {name: why for name, heard in self._heard.items() if (why := _trouble(heard, now_s))}
 
+    def twins(self, now_s: float) -> list[str]:
+        """Return under whose name two live, by what has been heard in the last SILENT_S."""
+        return [name for name, heard in self._heard.items() if now_s - heard.twin_s <= SILENT_S]
+
     def afresh(self, now_s: float) -> list[str]:
         """Return who was started afresh a moment ago, though it had not ended in order."""
         return [name for name, heard in self._heard.items() if now_s - heard.afresh_s < AFRESH_S]
+
+
+def _after(before: _Heard | None, beat: Beat, now_s: float) -> _Heard:
+    """Return what is known after one more beat."""
+    if before is None:
+        return _Heard(beat, now_s, -AFRESH_S)
+    if beat.run == before.beat.run:
+        return before._replace(beat=beat, at_s=now_s)
+    if beat.run == before.former:
+        return _Heard(beat, now_s, -AFRESH_S, before.beat.run, now_s)
+    return _Heard(beat, now_s, now_s, before.beat.run, before.twin_s)
 
 
 def _trouble(heard: _Heard, now_s: float) -> str:

@@ -10,6 +10,7 @@ import os
 import re
 import socket
 from bisect import bisect_right
+from collections.abc import Iterable
 from itertools import takewhile
 from typing import Any, NamedTuple, overload
 
@@ -31,6 +32,12 @@ WAS_THERE = 10
 MOST_SENSORS = 4096
 APART_S = 1e-3
 """Clocks of two hosts that differ by more are told: that is an alarm."""
+HOLDS_NS = 86_400 * SECOND_NS
+"""A measured line says nothing of stamps further from it, before or after, as those of an old recording are.
+
+No session lasts as long, so a host that has fallen silent is corrected to its end: two crystals change by some 1 ppm
+against each other, 0.09 s in a day. Beyond it hosts have been off and their clocks set, of which no line knows.
+"""
 
 
 def sanitised(host: str) -> str:
@@ -48,6 +55,12 @@ def unmeasured(host: str, reference: str) -> str:
     return f"nobody has measured the clock of host {host} against that of {reference}: its offset is taken as 0"
 
 
+def out_of_reach(host: str) -> str:
+    """Return the sentence for stamps of a host that its entries say nothing of."""
+    apart = "were taken more than a day from when its clock was measured"
+    return f"stamps of host {host} {apart}, as in a replay: its offset is taken as 0"
+
+
 class HostClock(NamedTuple):
     """One entry of HostClockArray: a line in the host's own time."""
 
@@ -57,6 +70,10 @@ class HostClock(NamedTuple):
     skew_ppm: float
     measured_at_ns: int
     uncertainty_s: float
+
+    def holds(self, host_ns: int) -> bool:
+        """Return whether the line says anything of the moment in which the host's clock shows host_ns."""
+        return abs(host_ns - self.measured_at_ns) <= HOLDS_NS
 
     def reference_ns(self, host_ns: int) -> int:
         """The reference's clock when the host's shows host_ns."""
@@ -135,11 +152,12 @@ class HostClocks:
         return bool(host) and sanitised(host) in self._entries
 
     def clock(self, host: str, host_ns: int) -> HostClock | None:
-        """Return the entry that holds when this host's clock shows host_ns; None where nothing is known of it."""
+        """Return the entry that holds when this host's clock shows host_ns; None where nothing is known of it then."""
         known = self._entries.get(sanitised(host))
         if not known:
             return None
-        return known[max(0, bisect_right(known, host_ns, key=lambda one: one.measured_at_ns) - 1)]
+        clock = known[max(0, bisect_right(known, host_ns, key=lambda one: one.measured_at_ns) - 1)]
+        return clock if clock.holds(host_ns) else None
 
     @overload
     def reference_ns(self, host: str, host_ns: int) -> int: ...
@@ -160,13 +178,20 @@ class HostClocks:
         which = np.maximum(np.searchsorted(begins, host_ns, "right") - 1, 0)
         offset = np.array([clock.offset_ns for clock in known], np.int64)[which]
         skew = np.array([clock.skew_ppm for clock in known])[which] * 1e-6
-        return host_ns + offset + np.rint(skew * (host_ns - begins[which])).astype(np.int64)
+        since_ns = host_ns - begins[which]
+        corrected_ns = host_ns + offset + np.rint(skew * since_ns).astype(np.int64)
+        return np.where(np.abs(since_ns) <= HOLDS_NS, corrected_ns, host_ns)
 
-    def doubt(self, host: str) -> str:
-        """Return why the times of this host are not corrected; empty where they are, or need not be."""
-        if not self.reference or not host or sanitised(host) in (self.reference, *self._entries):
+    def doubt(self, host: str, stamps_ns: Iterable[int] = ()) -> str:
+        """Return why the times of this host are not corrected; empty where they are, or need not be.
+
+        stamps_ns: what its clock showed, where it is asked of these moments too.
+        """
+        if not self.reference or not host or sanitised(host) == self.reference:
             return ""
-        return unmeasured(host, self.reference)
+        if not self.knows(host):
+            return unmeasured(host, self.reference)
+        return "" if all(self.clock(host, each_ns) for each_ns in stamps_ns) else out_of_reach(host)
 
 
 class SensorHosts:
@@ -208,3 +233,7 @@ class SensorHosts:
     def reference_ns(self, sensor_id: str, host_ns: int | NDArray[np.int64]) -> int | NDArray[np.int64]:
         """Return the reference host's time, ns, of a stamp of the sensor's driver; the same where nothing is known."""
         return self.clocks.reference_ns(self.host(sensor_id), host_ns) if self.clocks.measured else host_ns
+
+    def doubt(self, sensor_id: str, stamps_ns: Iterable[int] = ()) -> str:
+        """Return why these stamps of the sensor's driver are not corrected; empty where they are, or need not be."""
+        return self.clocks.doubt(self.host(sensor_id), stamps_ns)

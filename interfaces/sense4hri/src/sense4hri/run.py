@@ -19,6 +19,7 @@ from sense4hri import beats, parameters
 from sense4hri.arrivals import in_thread
 from sense4hri.errors import ConfigError
 from sense4hri.memory import TRIM_EVERY_S, trim
+from sense4hri.namesakes import LOOK_S
 from sense4hri.service import Service
 from sense4hri.version import software_version
 
@@ -133,6 +134,7 @@ async def _main(
         service.http.all_served()
     service.thread("liveness", service.liveness.keep_asking)
     service.every(beats.EVERY_S, service.beat)
+    service.every(LOOK_S, service.look_for_namesakes)
     service.every(TRIM_EVERY_S, trim)
     await asyncio.wait({work, stop}, return_when=asyncio.FIRST_COMPLETED)
     if told := stop.done():

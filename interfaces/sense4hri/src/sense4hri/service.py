@@ -32,6 +32,7 @@ from sense4hri.inbox import Inbox
 from sense4hri.liveness import HUNG_S, Liveness, Pulse
 from sense4hri.log import Log
 from sense4hri.metrics import Metrics
+from sense4hri.namesakes import Namesakes
 from sense4hri.parameter_services import ParameterServices
 from sense4hri.qos import HEALTH, deep, fitting
 from sense4hri.refusals import Refusals
@@ -83,7 +84,13 @@ class Service(Generic[Config]):
         )
         self.thread("http", self.http.serve)
         self._run, self._answered = f"{time.time_ns()}", False
+        self._namesakes = Namesakes(node.get_name(), node.get_namespace())
         self._beats = self.publisher(DiagnosticArray, diagnostics.TOPIC, HEALTH)
+
+    def look_for_namesakes(self) -> None:
+        """Say in the log where another node has this one's name, for longer than one that was killed."""
+        if told := self._namesakes.look(self.node.get_node_names_and_namespaces(), time.monotonic()):
+            self.log.warning(told)
 
     def beat(self, ended: bool = False) -> None:
         """Say on `/diagnostics` that the service lives, or which of its threads does not; ended: that it ends."""

@@ -103,6 +103,8 @@ class Findings:
     hosts: dict[str, HostWatch] = field(default_factory=dict)
     sensor_hosts: SensorHosts = field(default_factory=lambda: SensorHosts(HostClocks(history=True)))
     """Whose clock stamps what of a sensor; all times but the recorder's receipts are led to the reference's."""
+    unplaced: set[str] = field(default_factory=set)
+    """Whose stamps are not: a sentence for each host of a driver."""
     markers: list[Marker] = field(default_factory=list)
     markers_total: int = 0
     phases: list[Phase] = field(default_factory=list)
@@ -158,6 +160,8 @@ def _to_reference(found: Findings) -> None:
     hosts = found.sensor_hosts
     for name, stream in found.streams.items():
         if stream.raw is not None:
+            ends_ns = filter(None, (stream.raw.first_ns, stream.raw.last_ns))
+            found.unplaced |= set(filter(None, [hosts.doubt(name.sensor_id, ends_ns)]))
             stream.raw.move(partial(hosts.reference_ns, name.sensor_id))
     found.wearers.move(hosts.reference_ns)
     for marker in found.markers:

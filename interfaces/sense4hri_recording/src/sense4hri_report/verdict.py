@@ -40,7 +40,7 @@ def judge_all(
     else:
         _judge_session(session, window, place, judgement)
     trouble = [found.notes.trouble] if found.notes.trouble else []
-    for remark in [*trouble, *found.source.remarks, *_unmeasured(found), *not_recorded(found.notes.refused)]:
+    for remark in [*trouble, *found.source.remarks, *sorted(found.unplaced), *not_recorded(found.notes.refused)]:
         judgement.remark(remark)
     return judgement
 
@@ -77,12 +77,6 @@ def _judge_clocks(found: Findings, window: Window, steps: list[Any], judgement: 
             doubt = "within seconds of it its times are less certain" if measured else apart
             set_by = f"the clock of {step.host} was set by {step.step_ns * 1e-9:+.3f} s"
             judgement.gaps(f"{set_by}, {at(step.after_ns, window)}: {doubt}")
-
-
-def _unmeasured(found: Findings) -> list[str]:
-    """Whose clocks nobody has measured, of the hosts of drivers."""
-    hosts = {found.sensor_hosts.host(name.sensor_id) for name, stream in found.streams.items() if stream.raw}
-    return list(filter(None, map(found.sensor_hosts.clocks.doubt, sorted(hosts))))
 
 
 def _judge_others(found: Findings, window: Window, streams: set[str], judgement: Judgement) -> None:

@@ -19,7 +19,7 @@ MOST_UNITS = 4  # that a sentence names
 def told(session: Session, scan: Scan) -> Iterator[str]:
     """Yield a sentence for each thing that is not as a user would expect it."""
     yield from _of_recorders(session)
-    yield from _unmeasured_hosts(session, scan)
+    yield from _unplaced_hosts(session, scan)
     yield from _pauses(session)
     yield from _changed_channels(session)
     yield from _strangers(session, scan)
@@ -41,9 +41,10 @@ def _of_recorders(session: Session) -> Iterator[str]:
         yield f"{session.path.name} is {which}, opened alone; the others: {names}"
 
 
-def _unmeasured_hosts(session: Session, scan: Scan) -> Iterator[str]:
-    hosts = {scan.hosts.host(stream.name.sensor_id) for stream in session.streams.values()}
-    yield from filter(None, map(scan.hosts.clocks.doubt, sorted(hosts)))
+def _unplaced_hosts(session: Session, scan: Scan) -> Iterator[str]:
+    received = ((stream.name.sensor_id, stream.seen.received_ns) for stream in session.streams.values())
+    ends = ((sensor_id, (min(stamps_ns), max(stamps_ns)) if stamps_ns else ()) for sensor_id, stamps_ns in received)
+    yield from sorted({doubt for sensor_id, ends_ns in ends if (doubt := scan.hosts.doubt(sensor_id, ends_ns))})
 
 
 def _pauses(session: Session) -> Iterator[str]:

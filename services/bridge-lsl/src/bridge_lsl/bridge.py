@@ -6,13 +6,14 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from sense4hri import host_clocks, qos, stamps
 from sense4hri.discovery import RawStreams
 from sense4hri.errors import Refused
 from sense4hri.graph import follow
-from sense4hri.host_clocks import HostClocks, this_host
+from sense4hri.host_clocks import HostClocks, sanitised, this_host
 from sense4hri.modalities import MODALITIES
 from sense4hri.names import ROOT, StreamName
 from sense4hri.patterns import Patterns
@@ -31,6 +32,7 @@ from bridge_lsl.stamping import Model, Stamping, here_ns
 
 MARKERS = "/study/markers"
 LOOK_EVERY_S = 10.0
+DOUBT_EVERY_S = 600.0  # a line of a host whose times cannot be corrected
 FEATURES = [getattr(msg, each.message) for each in MODALITIES.values() if each.message]
 
 
@@ -140,8 +142,7 @@ class Bridge:
             bridged.labels = chunk.channels
             bridged.outlet = Offered(described.of_raw(info, chunk.channels))
             self._count()
-        times_ns = bridged.stamping.wall_ns(chunk)
-        bridged.outlet.push(chunk.samples, here_ns(times_ns, bridged.host, self._here, self._host_clocks))
+        bridged.outlet.push(chunk.samples, self._here_ns(bridged, bridged.stamping.wall_ns(chunk)))
 
     def _feature(self, topic: Topic, message: Any) -> None:
         bridged, values = self._bridged[topic.name], described.numbers(message)
@@ -150,9 +151,15 @@ class Bridge:
             bridged.outlet = Offered(described.of_features(bridged.name, bridged.labels))
             self._count()
         received_ns, device_ns = stamps.to_ns(message.header.stamp), stamps.to_ns(message.device_timestamp)
-        at_ns = bridged.stamping.event_ns(received_ns, device_ns)
-        times_ns = here_ns(np.array([at_ns]), bridged.host, self._here, self._host_clocks)
+        times_ns = self._here_ns(bridged, np.array([bridged.stamping.event_ns(received_ns, device_ns)]))
         bridged.outlet.push([described.row(values, bridged.labels)], times_ns)
+
+    def _here_ns(self, bridged: Bridged, times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return times of the stream's host on this host's clock; where they cannot be led to it, that is logged."""
+        elsewhere = bridged.host and sanitised(bridged.host) != sanitised(self._here)
+        if elsewhere and (doubt := self._host_clocks.doubt(bridged.host, times_ns[-1:].tolist())):
+            self._service.log.warning_at_times(doubt, DOUBT_EVERY_S, about=doubt)
+        return here_ns(times_ns, bridged.host, self._here, self._host_clocks)
 
     def _marker(self, marker: Marker) -> None:
         at_ns = np.array([stamps.event_ns(marker)])

@@ -24,7 +24,9 @@ from clock_sync.round_trips import HostEstimator, HostOffset, RoundTrip
 
 LOOK_EVERY_S, ASK_EVERY_S, TELL_EVERY_S = 0.5, 0.2, 1.0
 STEP_EVERY_S = 10.0  # a line of clocks that are stepped
-PENDING = 50  # questions that may still be answered
+PENDING = 50  # questions that may still be answered, or answered by somebody else too
+RIVAL_S = 10.0  # for so long after two clocks answered one question neither is believed: a question in 50 would do
+TWO_ANSWER = "the clock of a host is not known: two machines answer under its name"
 STEP_NS = 500_000  # this host's clock set by so much while a question was on its way: the answer tells nothing
 NODE = "clock_sync"
 
@@ -90,13 +92,42 @@ class Question(NamedTuple):
 
 @dataclass
 class Peer:
-    """Another host as the reference knows it. pending: questions not yet answered."""
+    """Another host as the reference knows it. pending: questions not yet answered; answered: the newest that are.
+
+    rival_s: when two clocks answered one question last; apart_s: how far apart they were.
+    """
 
     estimator: HostEstimator = field(default_factory=HostEstimator)
     pending: deque[Question] = field(default_factory=lambda: deque(maxlen=PENDING))
+    answered: deque[tuple[Question, RoundTrip]] = field(default_factory=lambda: deque(maxlen=PENDING))
     heard_s: float = 0.0
     state: State | None = None
     apart: bool = False
+    rival_s: float = -math.inf
+    apart_s: float = 0.0
+
+    @property
+    def has_rival(self) -> bool:
+        """Whether two machines answer under this host's name, so that no answer tells whose clock it is of."""
+        return time.monotonic() - self.rival_s < RIVAL_S
+
+    def question(self, sequence: int, t1_ns: int) -> Question | None:
+        """Return the question that an answer belongs to, be it the first one to it or not; None: it was never asked."""
+        asked = chain(self.pending, (question for question, _ in self.answered))
+        return next((each for each in asked if each[:2] == (sequence, t1_ns)), None)
+
+    def contradicted(self, question: Question, trip: RoundTrip) -> bool:
+        """Take a further answer to a question; True where it is by another clock than the first one.
+
+        A line that was not sure yet may be of either and is forgotten; a sure one is that of before.
+        """
+        first = next((earlier for asked, earlier in self.answered if asked == question), trip)
+        if not (apart_s := trip.apart_s(first)):
+            return False
+        self.rival_s, self.apart_s = time.monotonic(), apart_s
+        if self.estimator.known and self.estimator.offset().state is State.WARMUP:
+            self.estimator = HostEstimator()
+        return True
 
 
 class Reference(Answers):
@@ -106,6 +137,7 @@ class Reference(Answers):
         super().__init__(service, host)
         self._sequence = 0
         self._peers: dict[str, Peer] = {}
+        self._doubled: set[str] = set()  # hosts of which has been told that two machines answer
         self._probes = service.watch([PROBES], lambda topic: None)
         service.every(LOOK_EVERY_S, self._look)
 
@@ -120,17 +152,27 @@ class Reference(Answers):
     def answered(self, probe: ClockProbe, heard_ns: int) -> None:
         """Take a round trip in."""
         peer = self._peers.get(probe.to_host)
-        pending = () if peer is None else peer.pending
-        asked = next((each for each in pending if each[:2] == (probe.sequence, probe.t1_ns)), None)
+        asked = None if peer is None else peer.question(probe.sequence, probe.t1_ns)
         if peer is None or asked is None:
             return
-        peer.pending.remove(asked)
+        is_first = asked in peer.pending
+        if is_first:
+            peer.pending.remove(asked)
         trip = RoundTrip(probe.t1_ns, probe.t2_ns, probe.t3_ns, heard_ns)
         if not trip.usable or abs(realtime_minus_monotonic_ns() - asked.account_ns) > STEP_NS:
             return
+        if is_first:
+            self._measured(probe.to_host, peer, asked, trip)
+        elif peer.contradicted(asked, trip) and probe.to_host not in self._doubled:
+            self._tell()
+
+    def _measured(self, host: str, peer: Peer, asked: Question, trip: RoundTrip) -> None:
+        peer.answered.append((asked, trip))
         peer.heard_s = time.monotonic()
+        if peer.has_rival:
+            return
         if peer.estimator.add(trip):
-            stepped = f"the clock of host {probe.to_host}, or of this host {self._host}, was stepped"
+            stepped = f"the clock of host {host}, or of this host {self._host}, was stepped"
             self._service.log.warning_at_times(stepped, STEP_EVERY_S)
             self._tell()
         elif peer.estimator.known and peer.estimator.offset().state is not peer.state:
@@ -139,10 +181,14 @@ class Reference(Answers):
     def state(self, host: str) -> State | None:
         """Return how well another host's clock is known; None where it is not, or is this one."""
         peer = self._peers.get(sanitised(host))
-        return None if peer is None else peer.state
+        if peer is None:
+            return None
+        return State.WARMUP if peer.has_rival else peer.state
 
     def doubt(self, host: str) -> str:
         """Return why times of this host are not corrected; empty where they are, or need not be."""
+        if sanitised(host) in self._doubled:
+            return f"two machines answer under the name of host {host}"
         known = sanitised(host) == self._host or self.state(host) is not None
         return "" if known else unmeasured(host, self._host)
 
@@ -184,6 +230,7 @@ class Reference(Answers):
             peer.pending.append(Question(self._sequence, self.ask(host, self._sequence), account_ns))
 
     def _tell(self) -> None:
+        self._tell_rivals()
         known = {host: peer for host, peer in self._peers.items() if peer.estimator.known}
         if not known:
             return
@@ -191,8 +238,25 @@ class Reference(Answers):
         stamps.set_time(message.header.stamp, time.time_ns())
         self._array.publish(message)
 
+    def _tell_rivals(self) -> None:
+        """Say, once when it begins and once when it ends, under whose name two machines answer."""
+        apart_s = {host: peer.apart_s for host, peer in self._peers.items() if peer.has_rival}
+        for host in sorted(apart_s.keys() - self._doubled):
+            two = f"two machines answer under the name of host {host}, and their clocks are {apart_s[host]:.3f} s apart"
+            self._service.log.warning(f"{two}: its clock is not known until each has a name of its own")
+            if not self._peers[host].estimator.known:
+                self._show(host, None)
+        for host in sorted(self._doubled - apart_s.keys()):
+            self._service.log.info(f"one machine answers under the name of host {host} again")
+        if apart_s.keys() != self._doubled:
+            self._doubled = set(apart_s)
+            why = ", ".join(f"{host}, {apart:.3f} s apart" for host, apart in sorted(apart_s.items()))
+            self._service.ready(not apart_s, TWO_ANSWER, why)
+
     def _entry(self, host: str, peer: Peer) -> HostClock:
         found = peer.estimator.offset(time.monotonic() - peer.heard_s)
+        if peer.has_rival:
+            found = found._replace(state=State.WARMUP, uncertainty_s=found.uncertainty_s + peer.apart_s)
         self._show(host, found)
         self._say(host, peer, found.state, found.offset_ns * 1e-9)
         entry = HostClock(host=host, reference=self._host, offset_ns=found.offset_ns, skew_ppm=found.skew_ppm)

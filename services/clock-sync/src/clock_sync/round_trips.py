@@ -56,6 +56,14 @@ class RoundTrip(NamedTuple):
         """False where a clock was set meanwhile, the answer came too late to tell anything, or no stamp carries it."""
         return 0 <= self.on_the_way_s <= LONGEST_S and 0 <= self.t2_ns <= self.t3_ns < LATEST_NS
 
+    def apart_s(self, other: RoundTrip) -> float:
+        """By how much this host's clock is another one than that of the other answer; 0 where it may be the same.
+
+        Each offset is wrong by at most half its round trip, so what is more than both halves is of two clocks.
+        """
+        apart_s = abs(self.offset_ns - other.offset_ns) * 1e-9
+        return apart_s if apart_s > (self.on_the_way_s + other.on_the_way_s) / 2 + STEP_S else 0.0
+
 
 class HostOffset(NamedTuple):
     """As in HostClock: reference = host + offset_ns + skew_ppm * 1e-6 * (host - measured_at_ns)."""

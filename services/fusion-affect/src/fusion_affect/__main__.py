@@ -43,6 +43,7 @@ from fusion_affect.streams import Rate, reported
 from fusion_affect.tree import Tree, load
 
 LOOK_INTERVAL_S = 0.5
+DOUBT_EVERY_S = 600.0  # a line of a host whose times cannot be corrected
 TELL_INTERVAL_S = 0.05  # what came in the meantime, on whichever topic, is all known before a state is computed
 HEART_RATE_TYPES = {"ecg": ECG, "ppg": PPG}
 PERSONS, FACES = "/humans/persons", "/humans/faces"
@@ -194,7 +195,11 @@ class Shell:
     def _received_ns(self, name: StreamName, message: Any) -> int:
         """Return a message's receipt stamp on the reference host's clock; 0 = it bears none."""
         stamp_ns = to_ns(message.header.stamp)
-        return self._hosts.reference_ns(name.sensor_id, stamp_ns) if stamp_ns else 0
+        if not stamp_ns:
+            return 0
+        if doubt := self._hosts.doubt(name.sensor_id, [stamp_ns]):
+            self._service.log.warning_at_times(doubt, DOUBT_EVERY_S, about=doubt)
+        return self._hosts.reference_ns(name.sensor_id, stamp_ns)
 
     def _on_expression(self, topic: Topic, message: ExpressionMessage, info: dict[str, Any]) -> None:
         face_id, receipt_ns = _id(topic), info["received_timestamp"]

@@ -36,6 +36,7 @@ def problems(study: Study, now_ns: int) -> Iterator[Problem]:
     by_sensor = sorted(there, key=_sensor_key)
     for (human_id, sensor_id), streams in groupby(by_sensor, key=_sensor_key):
         yield from of_sensor(study, human_id, sensor_id, list(streams), now_ns)
+    yield from _twins(study.services, now_ns)
     yield from _duplicates(there, now_ns)
     yield from _late(study, now_ns)
 
@@ -97,6 +98,14 @@ def _there(study: Study, now_ns: int) -> list[Stream]:
 def _heard(stream: Stream, now_ns: int) -> bool:
     """True where samples came for no longer ago than a move takes, or than is usual between two."""
     return stream.has_raw and stream.silence_s(now_ns) < max(MOVING_NS / SECOND_NS, stream.patience_s())
+
+
+def _twins(services: Services, now_ns: int) -> Iterator[Problem]:
+    """Yield under which names two nodes live, each of which speaks for both."""
+    for service in services.twins(now_ns):
+        cure = "end one, or have them in two ROS domains"
+        text = f"two nodes are called {service}, and nobody can tell them apart; {cure}"
+        yield Problem(f"twin {service}", text, "error")
 
 
 def _duplicates(there: list[Stream], now_ns: int) -> Iterator[Problem]:

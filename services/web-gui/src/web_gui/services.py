@@ -33,6 +33,10 @@ class Services:
         """Return who was killed or failed and is back since a moment ago."""
         return self._beats.afresh(now_ns / SECOND_NS)
 
+    def twins(self, now_ns: int) -> list[str]:
+        """Return under whose name two live."""
+        return self._beats.twins(now_ns / SECOND_NS)
+
     def not_ready(self, now_ns: int) -> dict[str, str]:
         """Return who lives and is not ready, and why."""
         return {beat.service: beat.missing for beat in self._newest(now_ns) if beat.missing}

@@ -14,7 +14,7 @@ from sense4hri.host_clocks import SensorHosts
 from sense4hri.names import StreamName
 from sense4hri.sample_clock import SampleClock
 from sense4hri.stamps import SECOND_NS
-from sense4hri.stream_info import StreamInfo
+from sense4hri.stream_info import StreamInfo, long_s
 
 from web_gui.drawn import DERIVED, drawn
 from web_gui.history import BELIEVABLE_NS, Clock, History
@@ -25,6 +25,8 @@ from web_gui.readings import Plain, at_path, number
 from web_gui.steady import Steady
 
 HEALTH_FRESH_NS = 3 * SECOND_NS  # contract, section 7: older health means LOST
+STARTS_S = 3.0  # the kit's drivers say LOST where a device that is there sends nothing for so long,
+HEALTH_S = 2.0  # with their next health
 FRESH_NS = 5 * SECOND_NS  # features and states older than this are not shown as current
 MOST_PENDING, MOST_PENDING_VALUES = 2000, 1 << 19  # messages kept while a stream's rate is not known yet
 MOST_REPORTED = 64  # values that one device computes itself
@@ -32,6 +34,7 @@ LONGEST_S = 2.0  # between two messages of a stream whose rate says nothing else
 LOWEST_HZ, HIGHEST_HZ = 1e-3, 1e6
 MOST_SKEW_PPM = 10_000.0  # of a quartz it is below 200; anything like this is no clock
 LATENCIES = 60
+STARTING = 0  # StreamHealth
 STATES = ("starting", "connecting", "streaming", "lost", "stopping")
 CLOCK_STATES = ("WARMUP", "LOCKED", "HOLDOVER")
 
@@ -88,6 +91,7 @@ class Stream:
         self.interval_s = 0.0  # longest time between two raw messages lately
         self.features: Fresh | None = None
         self.health: Fresh | None = None
+        self.starting_ns = 0  # since when its driver says that it starts
         self.clock: Fresh | None = None
         self.reported: dict[str, tuple[float, int]] = {}
         self.latencies: deque[float] = deque(maxlen=LATENCIES)
@@ -139,7 +143,9 @@ class Stream:
             step_ns = _stamp_ns(plain) - _stamp_ns(self.health.plain)
             if not -BELIEVABLE_NS <= step_ns <= now_ns - self.health.at_ns + BELIEVABLE_NS:
                 self.lost = Increase()
-        self.health = Fresh(plain, now_ns)
+        before, self.health = self.health, Fresh(plain, now_ns)
+        if before is None or int(before.plain.get("state", 0)) != STARTING:
+            self.starting_ns = now_ns
         self._hosts.told(self.name.sensor_id, str(plain.get("host", "")))
         self.last_at_ns = now_ns
         self.lost.take(max(0, int(plain.get("lost_samples_total", 0))), now_ns)
@@ -187,7 +193,16 @@ class Stream:
         word = STATES[state] if state < len(STATES) else "lost"
         if word == "streaming" and self.silence_s(now_ns) > max(3.0, self.patience_s()):
             return "streaming" if not self.has_raw and self.device_values(now_ns) else "silent"
-        return word
+        return "lost" if word == "starting" and self._starts_in_vain(now_ns) else word
+
+    def _starts_in_vain(self, now_ns: int) -> bool:
+        """Return whether a stream that had samples has none, for longer than a driver of the kit says STARTING.
+
+        One that never had any is being put on or switched on.
+        """
+        nominal_hz = number(self.health.plain.get("nominal_rate_hz")) if self.health else None
+        silent_s = min(self.silence_s(now_ns), self.age_ns(self.starting_ns, now_ns) / SECOND_NS)
+        return bool(self.raw_at_ns) and silent_s > long_s(STARTS_S, nominal_hz or 0.0) + HEALTH_S
 
     def fresh_features(self, now_ns: int) -> Plain | None:
         """Return the newest features unless they are old."""
