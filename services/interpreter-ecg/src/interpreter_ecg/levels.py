@@ -51,6 +51,13 @@ class Follower(NamedTuple):
     sharpness: float  # in those of the one before it
 
 
+class Wave(NamedTuple):
+    """A candidate as what is slower than a QRS complex shows it."""
+
+    top_s: float  # after the middle of its QRS energy
+    own_t_wave: float  # how large the wave in the other direction is that follows, as a share of it
+
+
 class Levels:
     """Decides which candidates are beats: by a threshold between the levels of beats and of noise; in order of time."""
 
@@ -78,11 +85,11 @@ class Levels:
         self._last_s = self._seen_s = None
 
     def accept(
-        self, time_s: float, energy: float, sharpness: float, own_t_wave: float, following: list[Follower]
+        self, time_s: float, energy: float, sharpness: float, wave: Wave, following: list[Follower]
     ) -> bool:
         """Whether the candidate is a beat.
 
-        sharpness: its energy of what is fast; own_t_wave: features.own_t_wave; following: what is known so far.
+        sharpness: its energy of what is fast; wave: features.slow_wave; following: what is known so far.
         """
         level = self._level(time_s, energy, following)
         elapsed_s = np.inf if self._last_s is None else time_s - self._last_s
@@ -112,8 +119,8 @@ class Levels:
             or (later.after_s < FORERUNNER_S[1] and energy < FORERUNNER[1] * later.energy)
             for later in following
         )
-        large = energy > max(usual, ABOVE_AFTERSHOCK * self._last_energy)
-        blunt = large and self._is_t_wave(time_s, elapsed_s, sharpness / energy)
+        large = energy > min(threshold, max(usual, ABOVE_AFTERSHOCK * self._last_energy))
+        blunt = large and self._is_t_wave(time_s, elapsed_s, sharpness / energy, wave)
         if energy > threshold and not forerunner and not blunt:
             if lost_s and energy <= usual:
                 self._beats.extend([energy] * BEATS)
@@ -122,8 +129,8 @@ class Levels:
             self._sharpnesses.append(self._last_sharpness)
             return True
         self._passed_over |= blunt or (early and self._is_large_t_wave(time_s, elapsed_s, energy))
-        self._passed_over |= self._is_wide_beat(time_s, elapsed_s, energy, own_t_wave)
-        if early:
+        self._passed_over |= self._is_wide_beat(time_s, elapsed_s, energy, wave.own_t_wave)
+        if early or blunt:
             self._t_wave = max(self._t_wave, energy)
             self._t_sharp = max(self._t_sharp, sharpness)
         else:
@@ -177,15 +184,18 @@ class Levels:
         alike = [abs(d - distances_s[0]) < P_AGREE_S for at_s, d in self._p_waves if time_s - at_s < P_WAVES_S]
         return sum(alike) >= P_WAVES
 
-    def _is_t_wave(self, time_s: float, elapsed_s: float, sharpness: float) -> bool:
+    def _is_t_wave(self, time_s: float, elapsed_s: float, sharpness: float, wave: Wave) -> bool:
         """Whether it is far less sharp for its size than the beat before, at a distance at which most beats have such.
 
-        A fast heart's beats are all as sharp, and a ventricular beat follows few of the others so soon.
+        A fast heart's beats are all as sharp, and a ventricular beat follows few of the others so soon, or has a T wave.
         """
-        if elapsed_s >= T_WAVE_S or sharpness * SHARPER > self._last_sharpness:
+        after_s = elapsed_s + wave.top_s
+        if after_s >= LATEST_T_WAVE_S or sharpness * SHARPER > self._last_sharpness:
             return False
-        self._blunt.append((time_s, elapsed_s))
-        return self._follows_most(self._blunt, time_s, elapsed_s)
+        if elapsed_s >= T_WAVE_S and wave.own_t_wave >= OWN_T_WAVE:
+            return False
+        self._blunt.append((time_s, after_s))
+        return self._follows_most(self._blunt, time_s, after_s)
 
     def _is_large_t_wave(self, time_s: float, elapsed_s: float, energy: float) -> bool:
         """Whether what was passed over is so large that most beats may be followed by a wide one, not by a T wave."""
