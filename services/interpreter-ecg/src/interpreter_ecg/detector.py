@@ -39,7 +39,7 @@ EDGE_REACH_S = 0.1  # round the R peak
 PULSE_REACH_S = 0.03  # the complex that a pulse of a pacemaker captures has its middle later
 LIKE_ELSEWHERE = 2.0  # times larger or smaller than beats elsewhere what is at a pulse may be
 P_WAVE_S = 0.28  # so long before a beat its P wave, seen through the wavelet of T waves, may begin
-NEXT_BEAT = 0.4  # of the usual energy of beats, from which a candidate may be the next one
+NEXT_BEAT = 0.4  # of the usual energy, from which a candidate may be the next beat (as just after a beat: levels)
 T_WAVE_END_NS = 500_000_000  # after a beat
 STRAYS = 0.4  # of the height of a beat: most long intervals of MIT-BIH stray by 0.05, 16 of 264 by 0.35, wandering ones
 UPNESS_RATE, FLIPPED = 0.2, 0.3  # the usual polarity changes when the other one is larger by e^0.3 for some beats
@@ -197,7 +197,7 @@ class Detector:
         return beats
 
     def _slow_wave(self, middle: int, energy: float, following: list[Follower]) -> Wave:
-        """features.slow_wave, as far as the P wave of the next candidate that has more energy, or as much as beats have."""
+        """features.slow_wave, as far as the P wave of the next candidate that has more energy, or a beat's."""
         usual = NEXT_BEAT * median(self._elsewhere) if self._elsewhere else energy
         next_s = min((later.after_s for later in following if later.energy > min(energy, usual)), default=np.inf)
         return Wave(*slow_wave(self._ecg, middle, self._fs_hz, next_s - P_WAVE_S))
