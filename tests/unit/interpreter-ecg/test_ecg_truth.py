@@ -12,6 +12,7 @@ from scipy.signal import resample_poly
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
 import bench_ecg
 import bench_ecg_truth
+import ecg_arrhythmias
 import ecg_rhythms
 import ecg_trials as trials
 
@@ -392,6 +393,78 @@ def test_tall_narrow_t_wave_is_no_beat(height: float) -> None:
     assert not confident_rates(updates[15:]).size
     assert any(reason.startswith("signal_quality: what follows the beats") for reason in updates[-1].reasons)
     assert len(bench_ecg.peaks_s(updates)) <= len(rhythm.beats_s) + 3
+
+
+def with_t_waves(height, at_s, sigma_s, rate_bpm, fs_hz, wander=0.0, qrs_s=0.012, seconds=45):
+    """A breathing heart with T waves so tall (of R), so long after R, so wide; their height wanders by that share."""
+    intervals_s = ecg_arrhythmias.sinus(rate_bpm, seconds, depth=0.06, seed=rate_bpm)
+    beats_s = 0.5 + np.append(0.0, np.cumsum(intervals_s))
+    t_s = np.arange(round(seconds * fs_hz)) / fs_hz
+    ecg = np.random.default_rng(1).normal(0, 20, len(t_s))
+    for beat, interval_s in zip(beats_s, np.append(60 / rate_bpm, intervals_s), strict=True):
+        own = height * (1 + wander * np.sin(2 * np.pi * 0.13 * beat))
+        top_s = beat + at_s + 0.02 * (interval_s - 60 / rate_bpm)
+        ecg += trials.R_UV * trials.heartbeat(t_s - beat, qrs_s, t_wave=0.0)
+        ecg += trials.R_UV * own * np.exp(-0.5 * ((t_s - top_s) / sigma_s) ** 2)
+    return ecg, trials.Rhythm(beats_s, np.ones(len(beats_s), bool))
+
+
+@pytest.mark.parametrize(
+    ("height", "at_s", "sigma_s", "rate_bpm", "fs_hz", "wander"),
+    [
+        (0.5, 0.44, 0.02, 38, 130.0, 0.25),
+        (1.0, 0.44, 0.03, 50, 500.0, 0.0),
+        (2.0, 0.32, 0.04, 60, 130.0, 0.0),
+        (2.0, 0.44, 0.06, 60, 250.0, 0.25),
+        (1.5, 0.40, 0.02, 75, 500.0, 0.0),
+        (2.5, 0.40, 0.02, 75, 500.0, 0.25),
+        (-2.5, 0.44, 0.03, 38, 130.0, 0.25),
+    ],
+)
+def test_late_tall_t_wave_is_no_beat(height, at_s, sigma_s, rate_bpm, fs_hz, wander) -> None:
+    """T waves of half to 2.5 times R, up to 0.44 s after it, are no beats in slow hearts: every rate is right."""
+    ecg, rhythm = with_t_waves(height, at_s, sigma_s, rate_bpm, fs_hz, wander)
+    updates = play(ecg, fs_hz)
+    assert bench_ecg_truth.rate_error(updates, rhythm) < 5
+    rates = [u.heart_rate_bpm for u in updates[20:]]
+    assert rates == pytest.approx([rate_bpm] * len(rates), abs=7)
+    assert len(bench_ecg.peaks_s(updates)) <= len(rhythm.beats_s) + 5
+
+
+@pytest.mark.parametrize(("height", "at_s", "rate_bpm"), [(1.5, 0.32, 60), (1.5, 0.4, 75)])
+def test_t_wave_nearly_as_sharp_as_the_qrs_complex_is_no_confident_beat(height, at_s, rate_bpm) -> None:
+    """T waves of 47 ms after QRS complexes of 38 ms, at half their height, count as beats, with a doubt."""
+    ecg, _ = with_t_waves(height, at_s, 0.02, rate_bpm, 250.0, qrs_s=0.016)
+    updates = play(ecg, 250.0)
+    assert not confident_rates(updates[12:]).size
+    assert any(reason.startswith("signal_quality: what follows the beats") for reason in updates[-1].reasons)
+
+
+def pairs_at(rate_bpm, coupling_s, t_wave, seconds=45):
+    """A breathing heart in which a ventricular beat follows every sinus beat, and stops the next one."""
+    sinus_s = 0.5 + np.append(0.0, np.cumsum(ecg_arrhythmias.sinus(rate_bpm, seconds, depth=0.04)))[::2]
+    t_s = np.arange(round(seconds * FS_HZ)) / FS_HZ
+    ecg = trials.ecg_of(trials.Rhythm(sinus_s, np.ones(len(sinus_s), bool)), FS_HZ, seconds)
+    for at_s in sinus_s + coupling_s:
+        ecg += 1.5 * trials.R_UV * np.exp(-0.5 * ((t_s - at_s) / 0.035) ** 2)
+        ecg += 1.5 * trials.R_UV * t_wave * np.exp(-0.5 * ((t_s - at_s - 0.27) / 0.06) ** 2)
+    return ecg, trials.Rhythm(np.sort(np.append(sinus_s, sinus_s + coupling_s)), np.ones(2 * len(sinus_s), bool))
+
+
+@pytest.mark.parametrize("coupling_s", [0.4, 0.44, 0.48])
+def test_bigeminy_with_t_waves_of_its_own_is_no_tall_t_wave(coupling_s: float) -> None:
+    """Ventricular beats may follow at one distance, as T waves do, but have T waves: they are counted."""
+    ecg, rhythm = pairs_at(85, coupling_s, -0.4)
+    updates = play(ecg)
+    assert bench_ecg_truth.rate_error(updates, rhythm) < 5
+    assert len(confident_rates(updates[12:])) == len(updates[12:])
+
+
+@pytest.mark.parametrize("coupling_s", [0.38, 0.42, 0.48])
+def test_bigeminy_without_t_waves_is_no_confident_half(coupling_s: float) -> None:
+    """Without a T wave nothing tells ventricular beats from tall T waves: no rate is sure."""
+    updates = play(pairs_at(85, coupling_s, 0.0)[0])
+    assert not confident_rates(updates[12:]).size
 
 
 @pytest.mark.parametrize("coupling_s", [0.3, 0.33])

@@ -16,15 +16,15 @@ from interpreter_ecg.features import (
     edge,
     likeness_to_spike,
     middle_of_cut,
-    own_t_wave,
     qrs_energy,
     qrs_wavelet,
     sharp_wavelet,
+    slow_wave,
     strays,
     unrest,
 )
 from interpreter_ecg.jumps import Jumps
-from interpreter_ecg.levels import Follower, Levels
+from interpreter_ecg.levels import Follower, Levels, Wave
 from interpreter_ecg.mains import mains
 
 DECISION_S = 0.95  # a beat is decided on this long after it, so within 2 s with updates every second
@@ -39,6 +39,7 @@ EDGE_REACH_S = 0.1  # round the R peak
 PULSE_REACH_S = 0.03  # the complex that a pulse of a pacemaker captures has its middle later
 LIKE_ELSEWHERE = 2.0  # times larger or smaller than beats elsewhere what is at a pulse may be
 P_WAVE_S = 0.28  # so long before a beat its P wave, seen through the wavelet of T waves, may begin
+NEXT_BEAT = 0.4  # of the usual energy, from which a candidate may be the next beat (as just after a beat: levels)
 T_WAVE_END_NS = 500_000_000  # after a beat
 STRAYS = 0.4  # of the height of a beat: most long intervals of MIT-BIH stray by 0.05, 16 of 264 by 0.35, wandering ones
 UPNESS_RATE, FLIPPED = 0.2, 0.3  # the usual polarity changes when the other one is larger by e^0.3 for some beats
@@ -186,8 +187,8 @@ class Detector:
                 Follower(self._time_s(later.at) - time_s, later.energy, later.sharpness / (sharpness + 1e-12))
                 for later in self._candidates
             ]
-            answer = self._own_t_wave(at, energy, following)
-            if self._levels.accept(time_s, energy, sharpness, answer, following):
+            wave = self._slow_wave(at, energy, following)
+            if self._levels.accept(time_s, energy, sharpness, wave, following):
                 beat = self._beat(at, energy)
                 if beat.time_ns > self._last_ns + LEAST_APART_NS:
                     beats.append(beat)
@@ -195,10 +196,11 @@ class Detector:
                     self._elsewhere += [] if pulse else [energy]
         return beats
 
-    def _own_t_wave(self, middle: int, energy: float, following: list[Follower]) -> float:
-        """features.own_t_wave, as far as the P wave of the next candidate that has more energy."""
-        next_s = min((later.after_s for later in following if later.energy > energy), default=np.inf)
-        return own_t_wave(self._ecg, middle, self._fs_hz, next_s - P_WAVE_S)
+    def _slow_wave(self, middle: int, energy: float, following: list[Follower]) -> Wave:
+        """features.slow_wave, as far as the P wave of the next candidate that has more energy, or a beat's."""
+        usual = NEXT_BEAT * median(self._elsewhere) if self._elsewhere else energy
+        next_s = min((later.after_s for later in following if later.energy > min(energy, usual)), default=np.inf)
+        return Wave(*slow_wave(self._ecg, middle, self._fs_hz, next_s - P_WAVE_S))
 
     def _time_s(self, at: int) -> float:
         return int(self._times_ns[at]) / 1e9

@@ -257,12 +257,12 @@ def _squared_steps(ecg: Floats) -> Floats:
     return np.asarray((ecg[1:] - ecg[:-1]) ** 2)
 
 
-def own_t_wave(ecg: Floats, middle: int, fs_hz: float, until_s: float) -> float:
-    """How large the wave in the other direction is that follows the one round index `middle`, as a share of that one.
+def slow_wave(ecg: Floats, middle: int, fs_hz: float, until_s: float) -> tuple[float, float]:
+    """Where the wave round index `middle` has its top, in s after it, and its own T wave as a share of it.
 
     A wide ventricular beat has a T wave of its own, against its QRS complex; a T wave has none. until_s: after the
     middle, where the next beat's P wave may begin; 0 where that leaves nothing to look at. Both as a wavelet (Ricker's)
-    has them, so wander does not count.
+    has them, so wander does not count. A broad wave has a side lobe then, which only falls so long after it.
     """
     wavelet = _slow_wavelet(fs_hz)
     grid_s = np.arange(round((2 * TOP_S + OWN_T_WAVE_S[1]) * WAVES_FS_HZ) + 1) / WAVES_FS_HZ - TOP_S
@@ -270,8 +270,10 @@ def own_t_wave(ecg: Floats, middle: int, fs_hz: float, until_s: float) -> float:
     waves = ecg.take(first[:, None] + np.arange(len(wavelet)), mode="clip") @ wavelet
     top = int(np.abs(waves[: round(2 * TOP_S * WAVES_FS_HZ) + 1]).argmax())
     after_s = grid_s - grid_s[top]
-    later = waves[(after_s >= OWN_T_WAVE_S[0]) & (after_s <= OWN_T_WAVE_S[1]) & (grid_s <= until_s)]
-    return max(float((-later / waves[top]).max()), 0.0) if len(later) and waves[top] else 0.0
+    window = (after_s >= OWN_T_WAVE_S[0]) & (after_s <= OWN_T_WAVE_S[1]) & (grid_s <= until_s)
+    answers = -waves / (waves[top] or np.inf)
+    rising = window[1:] & (answers[1:] > answers[:-1])
+    return float(grid_s[top]), max(float(answers[1:][rising].max(initial=0.0)), 0.0)
 
 
 @lru_cache(maxsize=8)

@@ -8,7 +8,10 @@ import numpy as np
 
 REFRACTORY_S = 0.2
 T_WAVE_S = 0.36  # up to here, or 60 % of the usual interval, what follows a beat may be its T wave
-LATEST_T_WAVE_S = 0.5
+SOONEST_T_WAVE_S, LATEST_T_WAVE_S = 0.25, 0.5  # its top, after a beat
+LESS_SHARP = (
+    1.2  # times than the beat before: what follows may be a T wave; 19 of 20 beats reach 1.12 (MIT-BIH 101, 123)
+)
 AFTERSHOCK_S = 0.4
 LEARNING_S = 4.0
 LOST_S, LOST_INTERVALS = 2.0, 2.2  # without a beat for so long the level of beats begins to be forgotten
@@ -51,6 +54,13 @@ class Follower(NamedTuple):
     sharpness: float  # in those of the one before it
 
 
+class Wave(NamedTuple):
+    """A candidate as what is slower than a QRS complex shows it."""
+
+    top_s: float  # after the middle of its QRS energy
+    own_t_wave: float  # how large the wave in the other direction is that follows, as a share of it
+
+
 class Levels:
     """Decides which candidates are beats: by a threshold between the levels of beats and of noise; in order of time."""
 
@@ -66,6 +76,7 @@ class Levels:
         self._last_s: float | None = None  # the last beat, unless a gap came after it
         self._seen_s: float | None = None  # the last beat in any case
         self._blunt: deque[tuple[float, float]] = deque(maxlen=2 * BEATS)  # the same of what may be T waves
+        self._dull: deque[tuple[float, float]] = deque(maxlen=2 * BEATS)  # of what may be T waves, nearly as sharp
         self._large: deque[tuple[float, float]] = deque(maxlen=2 * BEATS)  # of T waves that may be ventricular beats
         self._wide: deque[tuple[float, float]] = deque(maxlen=2 * BEATS)  # of those with a T wave of their own
         self._beats_s: deque[float] = deque(maxlen=4 * BEATS)  # when the last beats were
@@ -77,12 +88,10 @@ class Levels:
         """Samples are missing: the last beat says nothing about the next one."""
         self._last_s = self._seen_s = None
 
-    def accept(
-        self, time_s: float, energy: float, sharpness: float, own_t_wave: float, following: list[Follower]
-    ) -> bool:
+    def accept(self, time_s: float, energy: float, sharpness: float, wave: Wave, following: list[Follower]) -> bool:
         """Whether the candidate is a beat.
 
-        sharpness: its energy of what is fast; own_t_wave: features.own_t_wave; following: what is known so far.
+        sharpness: its energy of what is fast; wave: features.slow_wave; following: what is known so far.
         """
         level = self._level(time_s, energy, following)
         elapsed_s = np.inf if self._last_s is None else time_s - self._last_s
@@ -112,8 +121,9 @@ class Levels:
             or (later.after_s < FORERUNNER_S[1] and energy < FORERUNNER[1] * later.energy)
             for later in following
         )
-        large = energy > max(usual, ABOVE_AFTERSHOCK * self._last_energy)
-        blunt = large and self._is_t_wave(time_s, elapsed_s, sharpness / energy)
+        large = energy > min(threshold, max(usual, ABOVE_AFTERSHOCK * self._last_energy))
+        blunt = large and self._is_t_wave(time_s, elapsed_s, sharpness / energy, wave)
+        self._passed_over |= large and self._is_hardly_sharp(time_s, elapsed_s, sharpness / energy, wave)
         if energy > threshold and not forerunner and not blunt:
             if lost_s and energy <= usual:
                 self._beats.extend([energy] * BEATS)
@@ -122,8 +132,8 @@ class Levels:
             self._sharpnesses.append(self._last_sharpness)
             return True
         self._passed_over |= blunt or (early and self._is_large_t_wave(time_s, elapsed_s, energy))
-        self._passed_over |= self._is_wide_beat(time_s, elapsed_s, energy, own_t_wave)
-        if early:
+        self._passed_over |= self._is_wide_beat(time_s, elapsed_s, energy, wave.own_t_wave)
+        if early or blunt:
             self._t_wave = max(self._t_wave, energy)
             self._t_sharp = max(self._t_sharp, sharpness)
         else:
@@ -177,15 +187,27 @@ class Levels:
         alike = [abs(d - distances_s[0]) < P_AGREE_S for at_s, d in self._p_waves if time_s - at_s < P_WAVES_S]
         return sum(alike) >= P_WAVES
 
-    def _is_t_wave(self, time_s: float, elapsed_s: float, sharpness: float) -> bool:
+    def _is_t_wave(self, time_s: float, elapsed_s: float, sharpness: float, wave: Wave) -> bool:
         """Whether it is far less sharp for its size than the beat before, at a distance at which most beats have such.
 
-        A fast heart's beats are all as sharp, and a ventricular beat follows few of the others so soon.
+        A fast heart's beats are all as sharp; a ventricular beat follows few of the others so soon, or has a T wave.
         """
-        if elapsed_s >= T_WAVE_S or sharpness * SHARPER > self._last_sharpness:
+        after_s = elapsed_s + wave.top_s
+        if after_s >= LATEST_T_WAVE_S or sharpness * SHARPER > self._last_sharpness:
             return False
-        self._blunt.append((time_s, elapsed_s))
-        return self._follows_most(self._blunt, time_s, elapsed_s)
+        if elapsed_s >= T_WAVE_S and wave.own_t_wave >= OWN_T_WAVE:
+            return False
+        self._blunt.append((time_s, after_s))
+        return self._follows_most(self._blunt, time_s, after_s)
+
+    def _is_hardly_sharp(self, time_s: float, elapsed_s: float, sharpness: float, wave: Wave) -> bool:
+        """Whether it is less sharp than the beat before, has no T wave of its own, and follows most beats there."""
+        after_s = elapsed_s + wave.top_s
+        sharp = sharpness * LESS_SHARP > self._last_sharpness
+        if sharp or not SOONEST_T_WAVE_S < after_s < LATEST_T_WAVE_S or wave.own_t_wave >= OWN_T_WAVE:
+            return False
+        self._dull.append((time_s, after_s))
+        return self._follows_most(self._dull, time_s, after_s)
 
     def _is_large_t_wave(self, time_s: float, elapsed_s: float, energy: float) -> bool:
         """Whether what was passed over is so large that most beats may be followed by a wide one, not by a T wave."""

@@ -283,7 +283,7 @@ class EcgStream:
         if np.isnan(self._quality):
             notes.append("signal_quality, rr_interval_ms need three beats")
         if self._doubtful():
-            notes.append("signal_quality: what follows the beats is taken for tall T waves, or is ventricular beats")
+            notes.append("signal_quality: what follows the beats may be tall T waves or ventricular beats")
         if self._angular():
             notes.append("signal_quality: the beats come and go within one sample, as pops do")
         trusted = self._quality >= self._config.min_quality
