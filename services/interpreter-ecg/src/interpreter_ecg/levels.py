@@ -9,9 +9,7 @@ import numpy as np
 REFRACTORY_S = 0.2
 T_WAVE_S = 0.36  # up to here, or 60 % of the usual interval, what follows a beat may be its T wave
 SOONEST_T_WAVE_S, LATEST_T_WAVE_S = 0.25, 0.5  # its top, after a beat
-LESS_SHARP = (
-    1.2  # times than the beat before: what follows may be a T wave; 19 of 20 beats reach 1.12 (MIT-BIH 101, 123)
-)
+LESS_SHARP = 1.2  # times than the beat before: what follows may be a T wave. 19 of 20 beats reach 1.12 (101, 123)
 AFTERSHOCK_S = 0.4
 LEARNING_S = 4.0
 LOST_S, LOST_INTERVALS = 2.0, 2.2  # without a beat for so long the level of beats begins to be forgotten
