@@ -24,7 +24,7 @@ from interpreter_ecg.features import (
     unrest,
 )
 from interpreter_ecg.jumps import Jumps
-from interpreter_ecg.levels import Follower, Levels, Wave
+from interpreter_ecg.levels import Candidate, Follower, Levels, Wave
 from interpreter_ecg.mains import mains
 
 DECISION_S = 0.95  # a beat is decided on this long after it, so within 2 s with updates every second
@@ -45,7 +45,7 @@ STRAYS = 0.4  # of the height of a beat: most long intervals of MIT-BIH stray by
 UPNESS_RATE, FLIPPED = 0.2, 0.3  # the usual polarity changes when the other one is larger by e^0.3 for some beats
 
 
-class _Candidate(NamedTuple):
+class _Hump(NamedTuple):
     """A hump of the QRS energy."""
 
     at: int
@@ -102,7 +102,7 @@ class Detector:
         self._times_ns: NDArray[np.int64] = np.empty(0, np.int64)
         self._energy: Floats = np.empty(0)  # of the samples from 0 on
         self._scanned = self._half  # up to here candidates have been looked for; none where samples were made up
-        self._candidates: deque[_Candidate] = deque()
+        self._candidates: deque[_Hump] = deque()
         self._pulses: deque[tuple[int, float]] = deque(maxlen=32)  # time and energy of those taken out
         self._jumps_ns: deque[int] = deque(maxlen=32)  # times of those taken out
         self._elsewhere: deque[float] = deque(maxlen=8)  # energies of the last beats at no pulse
@@ -168,7 +168,7 @@ class Detector:
         middle, before, after = energy[start:stop], energy[start - 1 : stop - 1], energy[start + 1 : stop + 1]
         for i in np.flatnonzero((middle > before) & (middle >= after)) + start:
             if energy[i] >= energy[max(i - self._near, 0) : i + self._near + 1].max():
-                self._candidates.append(_Candidate(int(i), float(energy[i]), self._sharpness(int(i))))
+                self._candidates.append(_Hump(int(i), float(energy[i]), self._sharpness(int(i))))
 
     def _sharpness(self, middle: int) -> float:
         reach = len(self._sharp) // 2 + round(SHARP_REACH_S * self._fs_hz)
@@ -188,7 +188,7 @@ class Detector:
                 for later in self._candidates
             ]
             wave = self._slow_wave(at, energy, following)
-            if self._levels.accept(time_s, energy, sharpness, wave, following):
+            if self._levels.accept(Candidate(time_s, energy, sharpness, wave, following)):
                 beat = self._beat(at, energy)
                 if beat.time_ns > self._last_ns + LEAST_APART_NS:
                     beats.append(beat)

@@ -59,6 +59,40 @@ class Wave(NamedTuple):
     own_t_wave: float  # how large the wave in the other direction is that follows, as a share of it
 
 
+class Candidate(NamedTuple):
+    """What may be a beat. sharpness: its energy of what is fast; wave: features.slow_wave; following: known so far."""
+
+    time_s: float
+    energy: float
+    sharpness: float
+    wave: Wave
+    following: list[Follower]
+
+    @property
+    def edge(self) -> float:
+        """How sharp it is for its energy."""
+        return self.sharpness / self.energy
+
+
+class _Now(NamedTuple):
+    """What is usual when a candidate comes. level: of the energies of beats, forgotten while one is overdue."""
+
+    elapsed_s: float  # since the last beat
+    usual_s: float  # from beat to beat
+    lost_s: float  # that the next one has been overdue
+    level: float
+
+    @property
+    def early(self) -> bool:
+        """Whether it may be the T wave of the last beat."""
+        return self.elapsed_s < max(T_WAVE_S, min(0.6 * self.usual_s, LATEST_T_WAVE_S))
+
+    @property
+    def share(self) -> float:
+        """Of the way from the noise to the level of beats, from which a candidate is one."""
+        return float(np.interp(self.elapsed_s / self.usual_s, ELAPSED, SHARE))
+
+
 class Levels:
     """Decides which candidates are beats: by a threshold between the levels of beats and of noise; in order of time."""
 
@@ -86,141 +120,141 @@ class Levels:
         """Samples are missing: the last beat says nothing about the next one."""
         self._last_s = self._seen_s = None
 
-    def accept(self, time_s: float, energy: float, sharpness: float, wave: Wave, following: list[Follower]) -> bool:
-        """Whether the candidate is a beat.
-
-        sharpness: its energy of what is fast; wave: features.slow_wave; following: what is known so far.
-        """
-        level = self._level(time_s, energy, following)
-        elapsed_s = np.inf if self._last_s is None else time_s - self._last_s
+    def accept(self, candidate: Candidate) -> bool:
+        """Whether the candidate is a beat."""
+        level = self._level(candidate)
+        elapsed_s = np.inf if self._last_s is None else candidate.time_s - self._last_s
         if elapsed_s < REFRACTORY_S:
             return False
         usual_s = _quantile(self._intervals_s) if self._intervals_s else 0.8
-        lost_s = self._lost_s(time_s, usual_s)
-        share = float(np.interp(elapsed_s / usual_s, ELAPSED, SHARE))
-        threshold = usual = self._threshold(level, share, 0.5)
-        if lost_s:
-            level *= float(np.exp(-lost_s / FORGET_S))
-            threshold = self._threshold(level, share, LOST_QUANTILE)
-            unknown = ABOVE_UNKNOWN * _quantile(self._noises or (0.1 * level,), LOST_QUANTILE)
-            threshold = max(threshold, min(unknown, usual))
-        early = elapsed_s < max(T_WAVE_S, min(0.6 * usual_s, LATEST_T_WAVE_S))
-        if early:
-            threshold = max(threshold, ABOVE_T_WAVE * _quantile(self._t_waves or (0.1 * level,)))
-            if elapsed_s < AFTERSHOCK_S:
-                threshold = max(threshold, ABOVE_AFTERSHOCK * self._last_energy)
-        if PREMATURE_S < elapsed_s < usual_s and not self._bursts(energy, level, following):
-            paused = not any(f.energy > USUAL_BEAT[0] * level for f in following if f.after_s < PAUSE * usual_s)
-            threshold = min(threshold, self._beyond_t_waves(early, paused, energy, sharpness, level))
-        if self._is_p_wave(time_s, energy, following) and energy > threshold:
+        lost_s = self._lost_s(candidate.time_s, usual_s)
+        now = _Now(elapsed_s, usual_s, lost_s, level * float(np.exp(-lost_s / FORGET_S)))
+        usual = self._threshold(level, now.share, 0.5)
+        threshold = self._least_energy(candidate, now, usual)
+        if self._is_p_wave(candidate) and candidate.energy > threshold:
             return False
-        forerunner = any(
-            (later.after_s < FORERUNNER_S[0] and energy < FORERUNNER[0] * later.energy)
-            or (later.after_s < FORERUNNER_S[1] and energy < FORERUNNER[1] * later.energy)
-            for later in following
-        )
-        large = energy > min(threshold, max(usual, ABOVE_AFTERSHOCK * self._last_energy))
-        blunt = large and self._is_t_wave(time_s, elapsed_s, sharpness / energy, wave)
-        self._passed_over |= large and self._is_hardly_sharp(time_s, elapsed_s, sharpness / energy, wave)
-        if energy > threshold and not forerunner and not blunt:
-            if lost_s and energy <= usual:
-                self._beats.extend([energy] * BEATS)
-            self._take(time_s, energy, elapsed_s, level)
-            self._last_sharpness = sharpness / energy
-            self._sharpnesses.append(self._last_sharpness)
+        blunt = self._is_blunt(candidate, now, min(threshold, max(usual, ABOVE_AFTERSHOCK * self._last_energy)))
+        if candidate.energy > threshold and not blunt and not _is_forerunner(candidate):
+            if now.lost_s and candidate.energy <= usual:
+                self._beats.extend([candidate.energy] * BEATS)
+            self._take(candidate, now)
             return True
-        self._passed_over |= blunt or (early and self._is_large_t_wave(time_s, elapsed_s, energy))
-        self._passed_over |= self._is_wide_beat(time_s, elapsed_s, energy, wave.own_t_wave)
-        if early or blunt:
-            self._t_wave = max(self._t_wave, energy)
-            self._t_sharp = max(self._t_sharp, sharpness)
-        else:
-            self._largest_rejected = max(self._largest_rejected, energy)
-            small = energy <= threshold and self._is_small(energy, sharpness, level, elapsed_s / usual_s)
-            if energy < level and not lost_s and not small:
-                self._noises.append(energy)
+        self._pass_over(candidate, now, threshold, blunt)
         return False
 
-    def _is_small(self, energy: float, sharpness: float, level: float, elapsed: float) -> bool:
-        """Whether what is too small, so many usual intervals after a beat, may be one all the same: no noise."""
-        noise = _quantile(self._noises or (0.1 * level,))
-        if not self._sharpnesses or elapsed < SMALL_ELAPSED or energy < max(SMALL * level, BEYOND_NOISE * noise):
+    def _least_energy(self, candidate: Candidate, now: _Now, usual: float) -> float:
+        """Return what a beat has more energy than, now. usual: so much, where the last one is not long ago."""
+        least = usual
+        if now.lost_s:
+            least = self._threshold(now.level, now.share, LOST_QUANTILE)
+            unknown = ABOVE_UNKNOWN * _quantile(self._noises or (0.1 * now.level,), LOST_QUANTILE)
+            least = max(least, min(unknown, usual))
+        if now.early:
+            least = max(least, ABOVE_T_WAVE * _quantile(self._t_waves or (0.1 * now.level,)))
+            if now.elapsed_s < AFTERSHOCK_S:
+                least = max(least, ABOVE_AFTERSHOCK * self._last_energy)
+        if PREMATURE_S < now.elapsed_s < now.usual_s and not _bursts(candidate, now.level):
+            least = min(least, self._beyond_t_waves(candidate, now))
+        return least
+
+    def _is_blunt(self, candidate: Candidate, now: _Now, large: float) -> bool:
+        """Whether it is a T wave, however tall; what is hardly less sharp than a beat only makes the rate doubtful."""
+        if candidate.energy <= large:
             return False
-        return SMALL_AS_SHARP[0] < sharpness / energy / _quantile(self._sharpnesses) < SMALL_AS_SHARP[1]
+        blunt = self._is_t_wave(candidate, now.elapsed_s)
+        self._passed_over |= self._is_hardly_sharp(candidate, now.elapsed_s)
+        return blunt
 
-    def _bursts(self, energy: float, level: float, following: list[Follower]) -> bool:
-        """Whether something of half its energy, which is no beat either, follows."""
-        soon = [later.energy for later in following if later.after_s < BURST_S]
-        return any(BURST * energy < other < USUAL_BEAT[0] * level for other in soon)
+    def _pass_over(self, candidate: Candidate, now: _Now, threshold: float, blunt: bool) -> None:
+        """Learn of what is no beat: a T wave, or noise."""
+        self._passed_over |= blunt or (now.early and self._is_large_t_wave(candidate, now.elapsed_s))
+        self._passed_over |= self._is_wide_beat(candidate, now.elapsed_s)
+        if now.early or blunt:
+            self._t_wave = max(self._t_wave, candidate.energy)
+            self._t_sharp = max(self._t_sharp, candidate.sharpness)
+            return
+        self._largest_rejected = max(self._largest_rejected, candidate.energy)
+        small = candidate.energy <= threshold and self._is_small(candidate, now)
+        if candidate.energy < now.level and not now.lost_s and not small:
+            self._noises.append(candidate.energy)
 
-    def _beyond_t_waves(self, early: bool, paused: bool, energy: float, sharpness: float, level: float) -> float:
+    def _is_small(self, candidate: Candidate, now: _Now) -> bool:
+        """Whether what is too small may be a beat all the same, so long after the last one: no noise."""
+        noise = _quantile(self._noises or (0.1 * now.level,))
+        if not self._sharpnesses or now.elapsed_s / now.usual_s < SMALL_ELAPSED:
+            return False
+        if candidate.energy < max(SMALL * now.level, BEYOND_NOISE * noise):
+            return False
+        return SMALL_AS_SHARP[0] < candidate.edge / _quantile(self._sharpnesses) < SMALL_AS_SHARP[1]
+
+    def _beyond_t_waves(self, candidate: Candidate, now: _Now) -> float:
         """What no T wave has come near, by its energy or by what is sharp in it; infinite where neither is known.
 
         By energy where T waves come, after a usual beat, whose those are, if it is not as blunt as they; by what is
         sharp in it, if it is no spike, nothing half as large came since the last beat and a pause follows, also later,
         and after a small beat.
         """
-        if len(self._t_waves) < KNOWN_T_WAVES or self._last_energy > USUAL_BEAT[1] * level:
+        if len(self._t_waves) < KNOWN_T_WAVES or self._last_energy > USUAL_BEAT[1] * now.level:
             return np.inf
-        beyond, sharp, usual_sharp = np.inf, sharpness / energy, _quantile(self._sharpnesses)
-        if early and self._last_energy > USUAL_BEAT[0] * level and sharp > BLUNT * usual_sharp:
+        beyond, sharp, usual_sharp = np.inf, candidate.edge, _quantile(self._sharpnesses)
+        if now.early and self._last_energy > USUAL_BEAT[0] * now.level and sharp > BLUNT * usual_sharp:
             beyond = BEYOND_T_WAVES * _quantile(self._t_waves, HIGH_QUANTILE)
-        alone = max(self._t_wave, self._largest_rejected) < BURST * energy
-        if alone and paused and AS_SHARP[0] * usual_sharp < sharp < AS_SHARP[1] * usual_sharp:
+        alone = max(self._t_wave, self._largest_rejected) < BURST * candidate.energy
+        if alone and _pauses(candidate, now) and AS_SHARP[0] * usual_sharp < sharp < AS_SHARP[1] * usual_sharp:
             beyond = min(beyond, BEYOND_T_WAVES * _quantile(self._t_sharps, HIGH_QUANTILE) / (sharp + 1e-12))
-        return max(beyond, BEYOND_NOISE * _quantile(self._noises or (0.1 * level,)), PREMATURE * level)
+        return max(beyond, BEYOND_NOISE * _quantile(self._noises or (0.1 * now.level,)), PREMATURE * now.level)
 
-    def _is_p_wave(self, time_s: float, energy: float, following: list[Follower]) -> bool:
+    def _is_p_wave(self, candidate: Candidate) -> bool:
         """Whether what follows is hardly smaller and far sharper, at a distance at which that has been so before."""
         distances_s = [
             later.after_s
-            for later in following
+            for later in candidate.following
             if later.after_s < P_WAVE_S
-            and P_WAVE[0] * later.energy < energy < P_WAVE[1] * later.energy
+            and P_WAVE[0] * later.energy < candidate.energy < P_WAVE[1] * later.energy
             and later.sharpness > SHARPER
         ]
         if not distances_s:
             return False
-        self._p_waves.append((time_s, distances_s[0]))
-        alike = [abs(d - distances_s[0]) < P_AGREE_S for at_s, d in self._p_waves if time_s - at_s < P_WAVES_S]
-        return sum(alike) >= P_WAVES
+        self._p_waves.append((candidate.time_s, distances_s[0]))
+        return self._alike(self._p_waves, candidate.time_s, distances_s[0]) >= P_WAVES
 
-    def _is_t_wave(self, time_s: float, elapsed_s: float, sharpness: float, wave: Wave) -> bool:
+    def _is_t_wave(self, candidate: Candidate, elapsed_s: float) -> bool:
         """Whether it is far less sharp for its size than the beat before, at a distance at which most beats have such.
 
         A fast heart's beats are all as sharp; a ventricular beat follows few of the others so soon, or has a T wave.
         """
-        after_s = elapsed_s + wave.top_s
-        if after_s >= LATEST_T_WAVE_S or sharpness * SHARPER > self._last_sharpness:
+        after_s = elapsed_s + candidate.wave.top_s
+        if after_s >= LATEST_T_WAVE_S or candidate.edge * SHARPER > self._last_sharpness:
             return False
-        if elapsed_s >= T_WAVE_S and wave.own_t_wave >= OWN_T_WAVE:
+        if elapsed_s >= T_WAVE_S and candidate.wave.own_t_wave >= OWN_T_WAVE:
             return False
-        self._blunt.append((time_s, after_s))
-        return self._follows_most(self._blunt, time_s, after_s)
+        self._blunt.append((candidate.time_s, after_s))
+        return self._follows_most(self._blunt, candidate.time_s, after_s)
 
-    def _is_hardly_sharp(self, time_s: float, elapsed_s: float, sharpness: float, wave: Wave) -> bool:
+    def _is_hardly_sharp(self, candidate: Candidate, elapsed_s: float) -> bool:
         """Whether it is less sharp than the beat before, has no T wave of its own, and follows most beats there."""
-        after_s = elapsed_s + wave.top_s
-        sharp = sharpness * LESS_SHARP > self._last_sharpness
-        if sharp or not SOONEST_T_WAVE_S < after_s < LATEST_T_WAVE_S or wave.own_t_wave >= OWN_T_WAVE:
+        after_s = elapsed_s + candidate.wave.top_s
+        sharp = candidate.edge * LESS_SHARP > self._last_sharpness
+        if sharp or not SOONEST_T_WAVE_S < after_s < LATEST_T_WAVE_S or candidate.wave.own_t_wave >= OWN_T_WAVE:
             return False
-        self._dull.append((time_s, after_s))
-        return self._follows_most(self._dull, time_s, after_s)
+        self._dull.append((candidate.time_s, after_s))
+        return self._follows_most(self._dull, candidate.time_s, after_s)
 
-    def _is_large_t_wave(self, time_s: float, elapsed_s: float, energy: float) -> bool:
+    def _is_large_t_wave(self, candidate: Candidate, elapsed_s: float) -> bool:
         """Whether what was passed over is so large that most beats may be followed by a wide one, not by a T wave."""
-        if elapsed_s < PREMATURE_S or energy < LARGE_T_WAVE * self._last_energy:
+        if elapsed_s < PREMATURE_S or candidate.energy < LARGE_T_WAVE * self._last_energy:
             return False
-        self._large.append((time_s, elapsed_s))
-        return self._follows_most(self._large, time_s, elapsed_s)
+        self._large.append((candidate.time_s, elapsed_s))
+        return self._follows_most(self._large, candidate.time_s, elapsed_s)
 
-    def _is_wide_beat(self, time_s: float, elapsed_s: float, energy: float, own_t_wave: float) -> bool:
+    def _is_wide_beat(self, candidate: Candidate, elapsed_s: float) -> bool:
         """Whether what was passed over has a T wave of its own, as the third at that distance: T waves have none."""
-        late = PREMATURE_S <= elapsed_s < np.inf
-        if not late or energy < WIDE_BEAT * self._last_energy or own_t_wave < OWN_T_WAVE:
+        if not PREMATURE_S <= elapsed_s < np.inf or candidate.wave.own_t_wave < OWN_T_WAVE:
             return False
-        self._wide.append((time_s, elapsed_s))
-        return self._alike(self._wide, time_s, elapsed_s) >= P_WAVES
+        if candidate.energy < WIDE_BEAT * self._last_energy:
+            return False
+        self._wide.append((candidate.time_s, elapsed_s))
+        return self._alike(self._wide, candidate.time_s, elapsed_s) >= P_WAVES
 
     def _follows_most(self, such: Collection[tuple[float, float]], time_s: float, elapsed_s: float) -> bool:
         """Whether nearly half of the beats told lately were followed by such, (time, s after), at that distance."""
@@ -243,8 +277,9 @@ class Levels:
             self._seen_s = time_s
         return max(time_s - self._seen_s - max(LOST_S, LOST_INTERVALS * usual_s), 0.0)
 
-    def _level(self, time_s: float, energy: float, following: list[Follower]) -> float:
+    def _level(self, candidate: Candidate) -> float:
         """The energy of the smaller ones of the usual beats."""
+        time_s, energy, _, _, following = candidate
         if not self._early or time_s - self._early[0][0] < LEARNING_S:
             self._early.append((time_s, energy))
             known = [*(e for _, e in self._early), *(later.energy for later in following)]
@@ -255,20 +290,43 @@ class Levels:
             return energy
         return _quantile(self._beats, LOW_QUANTILE)
 
-    def _take(self, time_s: float, energy: float, elapsed_s: float, level: float) -> None:
+    def _take(self, candidate: Candidate, now: _Now) -> None:
+        """Learn of a beat."""
         if self._last_s is not None:
-            self._intervals_s.append(min(max(elapsed_s, 0.3), 2.0))
+            self._intervals_s.append(min(max(now.elapsed_s, 0.3), 2.0))
             if self._t_wave:
-                self._t_waves.append(min(self._t_wave, 0.6 * level))
+                self._t_waves.append(min(self._t_wave, 0.6 * now.level))
                 self._t_sharps.append(self._t_sharp)
-        silent = self._largest_rejected < min(LEAST_SHARE * level, BURST * energy)
+        silent = self._largest_rejected < min(LEAST_SHARE * now.level, BURST * candidate.energy)
         self.complete = self._last_s is not None and silent
         self.doubtful, self._passed_over = self._passed_over, False
-        self._beats.append(energy)
-        self._beats_s.append(time_s)
-        self._last_s = self._seen_s = time_s
-        self._last_energy = energy
+        self._beats.append(candidate.energy)
+        self._beats_s.append(candidate.time_s)
+        self._last_s = self._seen_s = candidate.time_s
+        self._last_energy, self._last_sharpness = candidate.energy, candidate.edge
+        self._sharpnesses.append(candidate.edge)
         self._t_wave = self._t_sharp = self._largest_rejected = 0.0
+
+
+def _is_forerunner(candidate: Candidate) -> bool:
+    """Whether a much larger candidate follows soon, of which it is a first deflection, or the P wave."""
+    return any(
+        later.after_s < within_s and candidate.energy < share * later.energy
+        for later in candidate.following
+        for within_s, share in zip(FORERUNNER_S, FORERUNNER, strict=True)
+    )
+
+
+def _bursts(candidate: Candidate, level: float) -> bool:
+    """Whether something of half its energy, which is no beat either, follows."""
+    soon = [later.energy for later in candidate.following if later.after_s < BURST_S]
+    return any(BURST * candidate.energy < other < USUAL_BEAT[0] * level for other in soon)
+
+
+def _pauses(candidate: Candidate, now: _Now) -> bool:
+    """Whether no usual beat follows before a good part of the usual interval."""
+    soon = [later for later in candidate.following if later.after_s < PAUSE * now.usual_s]
+    return not any(later.energy > USUAL_BEAT[0] * now.level for later in soon)
 
 
 def _quantile(values: Collection[float], share: float = 0.5) -> float:
