@@ -342,3 +342,23 @@ def test_a_best_effort_publisher_is_told(peer: Peer, cast: Cast) -> None:
     registry = cast.registry()
     peer.wait(lambda: peer.sensors and "!quality_of_service" in peer.sensors[0].parameters_json, "it is told")
     assert "best effort" in json.loads(registry.ask("/sensors")[1][0]["parameters_json"])["!quality_of_service"]
+
+
+def test_a_driver_is_read_again_in_its_turn(peer: Peer, cast: Cast, opened: Callable[[Ears], Ears]) -> None:
+    """However many drivers there are, one of them is asked in every interval: what asking costs does not grow."""
+    asked: list[tuple[str, float]] = []
+    names = ("one", "two", "three", "four")
+    for name in names:
+        node = opened(Ears(name, beside=peer)).node
+
+        def listed(*request: Any, name: str = name, answer: Any = node.list_parameters) -> Any:
+            asked.append((name, time.monotonic()))
+            return answer(*request)
+
+        node.list_parameters = listed  # type: ignore[method-assign]
+        node.create_publisher(PhysioRaw, f"/humans/physiological/p1/ecg/{name}/raw", qos.RAW)
+    cast.registry(scan_interval_s=0.05, refresh_interval_s=0.5)
+    peer.wait(lambda: len(asked) >= 20, "they are asked again")
+    turns = asked[8:20]  # all have been found by then
+    assert [[one for one, _ in turns].count(name) for name in names] == [3, 3, 3, 3]
+    assert turns[-1][1] - turns[0][1] > 3.0

@@ -15,7 +15,8 @@ class Config(Schema):
     scan_interval_s: float = parameter(0.5, help="how often the graph is looked at for drivers", unit="s", low=0.01)
     refresh_interval_s: float = parameter(
         30.0,
-        help="how often a known driver's parameters are read again; a change is heard at once on /parameter_events",
+        help="how often one known driver's parameters are read again, each in its turn; a change is heard at once on"
+        " /parameter_events",
         unit="s",
         low=0.01,
     )

@@ -62,6 +62,7 @@ class Drivers:
 
     def __init__(self, service: Service[Config], described: Callable[[Driver], None]) -> None:
         self._service, self._described = service, described
+        self._turn_s = -math.inf
         self._drivers: dict[str, Driver] = {}
         self._beats: dict[StreamName, Beat] = {}
         self._listening: dict[StreamName, Subscription] = {}
@@ -132,15 +133,25 @@ class Drivers:
     def _follow(self, streams: dict[str, set[StreamName]], instances: dict[str, set[str]]) -> None:
         for node in self._drivers.keys() - streams.keys():
             del self._drivers[node]
-        now_s = time.monotonic()
         for node in streams:
             driver = self._drivers.setdefault(node, Driver(node))
             seen = frozenset(streams[node]), frozenset(instances[node])
-            old = now_s - driver.asked_s > self._service.config.refresh_interval_s
-            if seen != (driver.streams, driver.instances) or old:
+            if seen != (driver.streams, driver.instances) or driver.asked_s == -math.inf:
                 driver.streams, driver.instances = seen
                 self._ask(driver)
+        self._ask_in_turn()
         self._listen({stream for found in streams.values() for stream in found})
+
+    def _ask_in_turn(self) -> None:
+        """Have the driver that was asked longest ago tell its parameters again.
+
+        One at a time: whoever asks is first made known to everybody on the graph, and all at once would cost each node
+        the more the more drivers there are.
+        """
+        now_s = time.monotonic()
+        if self._drivers and now_s - self._turn_s > self._service.config.refresh_interval_s:
+            self._turn_s = now_s
+            self._ask(min(self._drivers.values(), key=lambda driver: driver.asked_s))
 
     def _listen(self, present: set[StreamName]) -> None:
         for stream in present - self._listening.keys():
