@@ -13,7 +13,7 @@ from sense4hri.motion import Motion
 from sense4hri.stamps import SECOND_NS
 from sense4hri.stream_info import StreamInfo
 
-from interpreter_ppg import features, jumps, lines
+from interpreter_ppg import features
 from interpreter_ppg.channel import MOST_PULSES_PER_S, Channel
 from interpreter_ppg.config import POLARITIES, Config
 from interpreter_ppg.detector import CONTEXT_S, CUT_LOOKAHEAD_S, LOOKAHEAD_S
@@ -21,6 +21,7 @@ from interpreter_ppg.device_rate import DeviceRate
 from interpreter_ppg.doubts import TWO_RHYTHMS, Doubts
 from interpreter_ppg.premature import NormalBeats, Taken, by_timing
 from interpreter_ppg.unsure import LACKING, Unsure
+from interpreter_ppg.window import Beat, Window
 
 Floats = NDArray[np.float64]
 
@@ -58,24 +59,6 @@ class PpgUpdate(NamedTuple):
     channel_name: str
     signal_quality: float
     reasons: tuple[str, ...]
-
-
-class Beat(NamedTuple):
-    """A pulse of the chosen channel."""
-
-    time_ns: int
-    rr_ms: float
-    trusted: bool  # both pulses that the interval lies between look like their predecessors
-    amplitude: float
-
-
-class Window(NamedTuple):
-    """The pulses of the newest window_s, and of each whether its interval, ms, shape (n,), serves the rate."""
-
-    window_s: float
-    beats: list[Beat]
-    rr_ms: Floats
-    trusted: NDArray[np.bool_]
 
 
 class PpgStream:
@@ -179,8 +162,8 @@ class PpgStream:
         while self._beats and self._beats[0].time_ns < start_ns:
             self._beats.popleft()
         beats = list(self._beats)
-        rr_ms, trusted = np.array([beat.rr_ms for beat in beats]), np.array([beat.trusted for beat in beats], bool)
-        return Window(window_s, beats, rr_ms, trusted)
+        rr_ms, jitter_s = np.array([beat.rr_ms for beat in beats]), np.array([beat.jitter_s for beat in beats])
+        return Window(window_s, beats, rr_ms, np.array([beat.trusted for beat in beats], bool), 1e3 * jitter_s)
 
     def _told(self, block: Block, window: Window, rate_bpm: float, hrv: Hrv, quality: float) -> PpgUpdate:
         """Return the update, with the fresh pulses; the device's opinion and the reasons are still to come."""
@@ -224,7 +207,7 @@ class PpgStream:
         if moves_alike:
             reasons.append("signal_quality: the device moves at the rate of the pulses")
         quality = channel.quality ** (1 + MOTION_COST * moved.strength) * (1 - moves_alike * STEPS_COST)
-        doubts = self._doubts.see(channel, block.end_ns, window.rr_ms, window.trusted, rate_bpm)
+        doubts = self._doubts.see(channel, block.end_ns, window, rate_bpm)
         costs = quality > IN_DOUBT and doubts
         reasons += [doubt for doubt in doubts if doubt == TWO_RHYTHMS or (costs and doubt == doubts[0])]
         return IN_DOUBT if costs else quality
@@ -241,8 +224,7 @@ class PpgStream:
         uneven = np.diff(times_s).max() * fs_hz > UNEVEN
         even_s = np.linspace(times_s[0], times_s[-1], len(times_s)) if uneven else times_s
         for channel in self._channels:
-            ppg = jumps.without_jumps(_drawn(self._samples[:, channel.column], times_s, even_s), fs_hz)
-            channel.look(lines.without_hum(ppg, fs_hz), even_s, fs_hz, lookahead_s)
+            channel.look(_drawn(self._samples[:, channel.column], times_s, even_s), even_s, fs_hz, lookahead_s)
         self._choose()
         channel = self._channels[self._chosen]
         reasons += self._faults(channel)
@@ -283,7 +265,7 @@ class PpgStream:
             if self._continues and np.isfinite(pulse.rr_s):
                 rr_ms = (time_ns - self._beats[-1].time_ns) / 1e6
             both = np.minimum(pulse.correlation, self._correlation)
-            beat = Beat(time_ns, rr_ms, bool(both >= TRUSTED), pulse.amplitude)
+            beat = Beat(time_ns, rr_ms, bool(both >= TRUSTED), pulse.amplitude, jitter_s)
             exact = both >= PRECISE and max(jitter_s, self._jitter_s) <= MOST_JITTER_S
             sure_ms = rr_ms if exact and time_ns > self._doubts.two_rhythms_to_ns else np.nan
             self._normal.add(Taken(time_ns, rr_ms, sure_ms, pulse.height))
