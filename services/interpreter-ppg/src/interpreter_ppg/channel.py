@@ -4,8 +4,9 @@ from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
+from sense4hri.medians import median
 
-from interpreter_ppg import features, lines
+from interpreter_ppg import features, jumps, lines
 from interpreter_ppg.detector import LOOKAHEAD_S, Pulse, PulseDetector
 
 Floats = NDArray[np.float64]
@@ -24,6 +25,7 @@ class Channel:
         self._detector = PulseDetector(polarity)
         self._window_s = window_s
         self._ppg, self._times_s, self._fs_hz = np.empty(0), np.empty(0), np.nan  # as last looked at
+        self._jumps = 0  # in them
         self._pulses: deque[Pulse] = deque(maxlen=int(MOST_PULSES_PER_S * window_s) + 8)
 
     @property
@@ -36,14 +38,27 @@ class Channel:
         """Heights of the pulses in the window, shape (n,)."""
         return np.array([pulse.height for pulse in self._pulses])
 
+    @property
+    def alike(self) -> float:
+        """Median correlation of the pulses in the window with the template of their predecessors; NaN without any."""
+        correlation = np.array([pulse.correlation for pulse in self._pulses])
+        correlation = correlation[np.isfinite(correlation)]
+        return median(correlation) if len(correlation) else np.nan
+
+    def jumps_per_s(self) -> float:
+        """Return how often the level jumps in what was looked at last; NaN where that was nothing."""
+        return self._jumps * self._fs_hz / len(self._ppg) if len(self._ppg) else np.nan
+
     def unlink(self) -> None:
         """Take note of a hole after the last samples: no interval is measured across it."""
         self._detector.unlink()
 
     def look(self, ppg: Floats, times_s: Floats, fs_hz: float, lookahead_s: float) -> None:
-        """Find the fresh pulses and the quality. ppg, times_s: shape (n,), evenly spaced."""
-        self._ppg, self._times_s, self._fs_hz = ppg, times_s, fs_hz
-        self.fresh = self._detector.look(ppg, times_s, fs_hz, lookahead_s)
+        """Find the fresh pulses and the quality. ppg, times_s: shape (n,), evenly spaced and finite, as measured."""
+        at = jumps.places(ppg, fs_hz)
+        self._jumps, self._ppg = len(at), lines.without_hum(jumps.taken_out(ppg, at), fs_hz)
+        self._times_s, self._fs_hz = times_s, fs_hz
+        self.fresh = self._detector.look(self._ppg, times_s, fs_hz, lookahead_s)
         self._pulses.extend(self.fresh)
         while self._pulses and self._pulses[0].time_s < times_s[-1] - self._window_s:
             self._pulses.popleft()

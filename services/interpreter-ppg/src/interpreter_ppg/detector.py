@@ -76,6 +76,12 @@ class PulseDetector:
             return []
         if len(context) < 2 * self._period_s * fs_hz and self._heights:
             typical = np.inf  # too short to tell: the predecessors know better
+        return self._confirmed(ppg, rise, times_s, fs_hz, since_s, typical)
+
+    def _confirmed(
+        self, ppg: Floats, rise: Floats, times_s: Floats, fs_hz: float, since_s: float, typical: float
+    ) -> list[Pulse]:
+        """Return the pulses from since_s until what is decided now; typical: their height in the slope."""
         pulses = []
         for index in features.rises(rise, fs_hz, self._period_s).tolist():
             near_s = float(times_s[index])

@@ -15,18 +15,27 @@ BESIDE_S, LEAST_BESIDE = 0.02, 3  # to either side of it, the differences that a
 STEEP, STEEP_SHARE = 3.0, 0.95  # times what this share of all differences stays below: the rises are a tenth of them
 
 
-def without_jumps(ppg: Floats, fs_hz: float) -> Floats:
-    """Return ppg, shape (n,), evenly spaced and finite, brought to the level of its first sample.
+def places(ppg: Floats, fs_hz: float) -> list[int]:
+    """Return after which samples of ppg, shape (n,), evenly spaced and finite, the level jumps.
 
-    Where most neighbours are equal (a signal of few counts) nothing is taken out. Nor is a pop, which comes back.
+    Where most neighbours are equal (a signal of few counts) there are none. A pop, which comes back, is none.
     """
     beside = max(round(BESIDE_S * fs_hz), LEAST_BESIDE)
-    rises = ppg[1:] - ppg[:-1]
-    sizes = np.abs(rises)
+    sizes = np.abs(ppg[1:] - ppg[:-1])
     if len(sizes) <= 2 * beside or not (steep := STEEP * quantile(sizes, STEEP_SHARE)) > 0:
-        return ppg
-    for i in ((sizes[beside:-beside] > steep).nonzero()[0] + beside).tolist():
-        if sizes[i] > ALONE * max(sizes[i - beside : i].max(), sizes[i + 1 : i + beside + 1].max()):
-            jump = rises[i] - (rises[i - 1] + rises[i + 1]) / 2
-            ppg = np.where(np.arange(len(ppg)) > i, ppg - jump, ppg)
+        return []
+    candidates = ((sizes[beside:-beside] > steep).nonzero()[0] + beside).tolist()
+    return [
+        i
+        for i in candidates
+        if sizes[i] > ALONE * max(sizes[i - beside : i].max(), sizes[i + 1 : i + beside + 1].max())
+    ]
+
+
+def taken_out(ppg: Floats, jumps: list[int]) -> Floats:
+    """Return ppg without the jumps after these samples, at the level of its first sample."""
+    rises = ppg[1:] - ppg[:-1]
+    for i in jumps:
+        jump = rises[i] - (rises[i - 1] + rises[i + 1]) / 2
+        ppg = np.where(np.arange(len(ppg)) > i, ppg - jump, ppg)
     return ppg

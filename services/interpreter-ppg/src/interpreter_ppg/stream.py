@@ -8,18 +8,20 @@ from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
 from sense4hri.hrv import Hrv, HrvWindow, variability, withheld
-from sense4hri.lasting import IN_DOUBT, Lasting
+from sense4hri.lasting import IN_DOUBT
 from sense4hri.motion import Motion
 from sense4hri.stamps import SECOND_NS
 from sense4hri.stream_info import StreamInfo
 
-from interpreter_ppg import features, jumps, lines
+from interpreter_ppg import features
 from interpreter_ppg.channel import MOST_PULSES_PER_S, Channel
 from interpreter_ppg.config import POLARITIES, Config
 from interpreter_ppg.detector import CONTEXT_S, CUT_LOOKAHEAD_S, LOOKAHEAD_S
 from interpreter_ppg.device_rate import DeviceRate
+from interpreter_ppg.doubts import TWO_RHYTHMS, Doubts
 from interpreter_ppg.premature import NormalBeats, Taken, by_timing
 from interpreter_ppg.unsure import LACKING, Unsure
+from interpreter_ppg.window import Beat, Window
 
 Floats = NDArray[np.float64]
 
@@ -34,9 +36,6 @@ PRECISE = 0.97  # ... and variability, which noise spoils sooner: ...
 MOST_JITTER_S = 0.005  # ... this much adds 10 ms to an RMSSD of 2.5 ms, 3 to one of 25 (squares add, 6 times its own)
 BETTER_BY, BETTER_FOR = 0.1, 3  # a channel must be that much better for that many updates to be chosen
 MOTION_COST = 2.0  # in motion doubts count three times over
-TWO_RHYTHMS_S = 3.0  # after they were seen the last time
-HALF_WITHIN = 0.05  # of the rate told: a line so near to half of it is that of a pulse of two waves
-SURE, LASTING_S = 0.7, 2.0  # quality of a sure rate, once it has lasted: three pulses, or steps, are alike by chance
 STEPS_COST = 0.31  # of the quality, where the pulses may be steps: a rate in doubt has no quality of 0.7
 CLIPPED_SHARE = 0.02  # of samples at an end of the range that is called saturated
 MOST_UNTOLD_MS = 3.0  # of an RMSSD that hangs on the newest interval, which may be that of a premature beat
@@ -62,15 +61,6 @@ class PpgUpdate(NamedTuple):
     reasons: tuple[str, ...]
 
 
-class Beat(NamedTuple):
-    """A pulse of the chosen channel."""
-
-    time_ns: int
-    rr_ms: float
-    trusted: bool  # both pulses that the interval lies between look like their predecessors
-    amplitude: float
-
-
 class PpgStream:
     """A Step of the kit (sense4hri.step). Raises ValueError for a rate too low for pulses or no channel with any."""
 
@@ -84,7 +74,7 @@ class PpgStream:
         self._hrv = HrvWindow(config.hrv_window_s)
         self._unsure = Unsure(int(MOST_PULSES_PER_S * config.hrv_window_s))
         self._normal = NormalBeats(self._hrv, self._unsure)
-        self._device, self._motion, self._lasting = DeviceRate(), Motion(), Lasting(SURE)
+        self._device, self._motion, self._doubts = DeviceRate(), Motion(), Doubts(config.window_s)
         self._fresh: list[Beat] = []  # to be published with the next update
         self._beats: deque[Beat] = deque(maxlen=int(MOST_PULSES_PER_S * config.window_s) + 8)
         self._forget_window()
@@ -135,10 +125,7 @@ class PpgStream:
         self._first_ns = first_ns
         self._chosen = self._better_for = 0
         self._continues, self._correlation, self._jitter_s = False, np.nan, np.nan
-        self._two_rhythms_to_ns = first_ns - 1  # until then there are two, as far as is known
-        self._irregular_to_ns = first_ns - 1  # until then pulses may be missing
-        self._sine_to_ns = first_ns - 1  # until then the wave may be no pulse
-        self._lasting.restart()
+        self._doubts.restart(first_ns)
         self._beats.clear()
         self._hrv.restart(first_ns)
         self._normal.restart()
@@ -152,44 +139,51 @@ class PpgStream:
         self._times_ns, self._samples = times_ns[start:], samples[start:]
 
     def _update(self, block: Block, lookahead_s: float) -> PpgUpdate:
-        window_s = block.window_s(self._config.window_s)
         reasons: list[str] = []
         self._look(reasons, lookahead_s)
-        fresh, self._fresh = self._fresh, []
+        window = self._window(block)
+        rate_bpm = features.heart_rate(window.rr_ms, window.trusted)
+        quality = self._quality(block, window, rate_bpm, reasons)
+        hrv, hrv_reasons = self._variability(block.end_ns)
+        if quality < self._config.min_quality:
+            rate_bpm, hrv = np.nan, withheld(hrv)
+            reasons.append(f"signal_quality below {self._config.min_quality:g}: heart_rate_bpm and hrv withheld")
+        else:
+            reasons += [f"hrv: {reason}" for reason in hrv_reasons]
+        device_bpm = self._device.at(block.received_ns)
+        update = self._told(block, window, rate_bpm, hrv, quality)
+        reasons += self._missing(update, device_bpm)
+        return update._replace(device_heart_rate_difference_bpm=rate_bpm - device_bpm, reasons=tuple(reasons))
+
+    def _window(self, block: Block) -> Window:
+        """Return the pulses of the window that ends with the block; older ones are forgotten."""
+        window_s = block.window_s(self._config.window_s)
         start_ns = block.end_ns - round(window_s * SECOND_NS)
         while self._beats and self._beats[0].time_ns < start_ns:
             self._beats.popleft()
         beats = list(self._beats)
-        channel = self._channels[self._chosen]
-        rr_ms = np.array([beat.rr_ms for beat in beats])
-        trusted = np.array([beat.trusted for beat in beats], bool)
-        rate_bpm = features.heart_rate(rr_ms, trusted)
-        quality = self._quality(block, rr_ms, trusted, rate_bpm, reasons)
-        good = not quality < self._config.min_quality
-        rate_bpm = rate_bpm if good else np.nan
-        device_bpm = self._device.at(block.received_ns)
-        hrv, hrv_reasons = self._variability(block.end_ns)
-        update = PpgUpdate(
+        rr_ms, jitter_s = np.array([beat.rr_ms for beat in beats]), np.array([beat.jitter_s for beat in beats])
+        return Window(window_s, beats, rr_ms, np.array([beat.trusted for beat in beats], bool), 1e3 * jitter_s)
+
+    def _told(self, block: Block, window: Window, rate_bpm: float, hrv: Hrv, quality: float) -> PpgUpdate:
+        """Return the update, with the fresh pulses; the device's opinion and the reasons are still to come."""
+        fresh, self._fresh = self._fresh, []
+        return PpgUpdate(
             block.device_ns,
             block.received_ns,
-            window_s,
-            len(beats),
+            window.window_s,
+            len(window.beats),
             tuple(beat.time_ns for beat in fresh),
             tuple(beat.rr_ms for beat in fresh),
-            next((float(rr) for rr in rr_ms[::-1] if np.isfinite(rr)), np.nan),
+            next((float(rr) for rr in window.rr_ms[::-1] if np.isfinite(rr)), np.nan),
             rate_bpm,
-            hrv if good else withheld(hrv),
-            rate_bpm - device_bpm,
-            _mean(np.array([beat.amplitude for beat in beats])),
-            channel.name,
+            hrv,
+            np.nan,
+            _mean(np.array([beat.amplitude for beat in window.beats])),
+            self._channels[self._chosen].name,
             quality,
             (),
         )
-        if good:
-            reasons += [f"hrv: {reason}" for reason in hrv_reasons]
-        else:
-            reasons.append(f"signal_quality below {self._config.min_quality:g}: heart_rate_bpm and hrv withheld")
-        return update._replace(reasons=tuple(reasons + self._missing(update, device_bpm)))
 
     def _variability(self, end_ns: int) -> tuple[Hrv, tuple[str, ...]]:
         """Return the variability of the window that ends at end_ns, and why values are missing."""
@@ -205,47 +199,18 @@ class PpgStream:
             return withheld(hrv), (LACKING,)
         return hrv, reasons
 
-    def _quality(
-        self, block: Block, rr_ms: Floats, trusted: NDArray[np.bool_], rate_bpm: float, reasons: list[str]
-    ) -> float:
-        """Return how sure the pulses of the window are, 0..1; adds to reasons what lowers it to IN_DOUBT."""
+    def _quality(self, block: Block, window: Window, rate_bpm: float, reasons: list[str]) -> float:
+        """Return how sure the pulses of the window are, 0..1; adds to reasons what lowers it."""
         channel = self._channels[self._chosen]
         moved = self._motion.at(block.received_ns, self._config.window_s)
-        moves_alike = features.motion_doubt(moved, rr_ms)
-        quality = channel.quality ** (1 + MOTION_COST * moved.strength) * (1 - moves_alike * STEPS_COST)
+        moves_alike = features.motion_doubt(moved, window.rr_ms)
         if moves_alike:
             reasons.append("signal_quality: the device moves at the rate of the pulses")
-        self._see_two_rhythms(block.end_ns, rr_ms, trusted, channel.second_rhythm_hz(rate_bpm / 60) * 60 / rate_bpm)
-        if rate_bpm < features.SLOWEST_BPM and quality > IN_DOUBT:
-            quality = IN_DOUBT
-            reasons.append(f"signal_quality: below {features.SLOWEST_BPM:g} /min it may be breathing or movements")
-        if self._lasting.too_short(channel.quality, block.end_ns, LASTING_S) and quality > IN_DOUBT:
-            quality = IN_DOUBT
-            reasons.append(f"signal_quality: good for less than {LASTING_S:g} s")
-        if block.end_ns <= self._two_rhythms_to_ns or features.vanishes(channel.heights, trusted):
-            quality = min(quality, IN_DOUBT)
-            reasons.append("signal_quality: two rhythms, the pulse may be the slower one")
-        if channel.overtones() < features.LEAST_OVERTONES:  # a sine has no clear polarity: it is held while that turns
-            self._sine_to_ns = block.end_ns + round(self._config.window_s * SECOND_NS)
-        if block.end_ns <= self._sine_to_ns and quality > IN_DOUBT:
-            quality = IN_DOUBT
-            reasons.append("signal_quality: the wave has no overtones, it may be flicker or a tremor")
-        if features.irregular(rr_ms):
-            self._irregular_to_ns = block.end_ns + round(self._config.window_s * SECOND_NS)
-        if block.end_ns <= self._irregular_to_ns and quality > IN_DOUBT:
-            quality = IN_DOUBT
-            reasons.append("signal_quality: the intervals have no order, pulses too low to be seen may be missing")
-        return quality
-
-    def _see_two_rhythms(self, end_ns: int, rr_ms: Floats, trusted: NDArray[np.bool_], share: float) -> None:
-        """Take what an update at end_ns shows of a second rhythm; share: of the rate told, that its line has, or NaN.
-
-        A pulse of two waves alike stays one: there is doubt until all that is told of it has left the window.
-        """
-        alike = features.two_waves(rr_ms) or abs(share - 0.5) < HALF_WITHIN
-        if alike or np.isfinite(share) or features.alternate(rr_ms) or features.doubled(rr_ms, trusted):
-            hold_s = self._config.window_s if alike else TWO_RHYTHMS_S
-            self._two_rhythms_to_ns = max(self._two_rhythms_to_ns, end_ns + round(hold_s * SECOND_NS))
+        quality = channel.quality ** (1 + MOTION_COST * moved.strength) * (1 - moves_alike * STEPS_COST)
+        doubts = self._doubts.see(channel, block.end_ns, window, rate_bpm)
+        costs = quality > IN_DOUBT and doubts
+        reasons += [doubt for doubt in doubts if doubt == TWO_RHYTHMS or (costs and doubt == doubts[0])]
+        return IN_DOUBT if costs else quality
 
     def _look(self, reasons: list[str], lookahead_s: float) -> None:
         """Let every channel look at the window, choose one, and take its fresh pulses."""
@@ -256,24 +221,27 @@ class PpgStream:
         if fs_hz < LOWEST_RATE_HZ * (1 - RATE_TOLERANCE):
             reasons.append(f"sampling rate {fs_hz:.3g} Hz is below {LOWEST_RATE_HZ:g} Hz")
             return
-        even_s = times_s
-        if np.diff(times_s).max() * fs_hz > UNEVEN:
-            even_s = np.linspace(times_s[0], times_s[-1], len(times_s))
+        uneven = np.diff(times_s).max() * fs_hz > UNEVEN
+        even_s = np.linspace(times_s[0], times_s[-1], len(times_s)) if uneven else times_s
         for channel in self._channels:
-            ppg = jumps.without_jumps(_drawn(self._samples[:, channel.column], times_s, even_s), fs_hz)
-            channel.look(lines.without_hum(ppg, fs_hz), even_s, fs_hz, lookahead_s)
+            channel.look(_drawn(self._samples[:, channel.column], times_s, even_s), even_s, fs_hz, lookahead_s)
         self._choose()
         channel = self._channels[self._chosen]
-        column = self._samples[:, channel.column]
+        reasons += self._faults(channel)
+        self._take(channel)
+
+    def _faults(self, channel: Channel) -> list[str]:
+        """Return what the samples of a channel are unfit for."""
+        faults, column = [], self._samples[:, channel.column]
         numbers = column[np.isfinite(column)]
         if not len(numbers):
-            reasons.append(f"{channel.name} holds no number")
+            faults.append(f"{channel.name} holds no number")
         elif not np.ptp(numbers) > 0:
-            reasons.append(f"{channel.name} is flat")
+            faults.append(f"{channel.name} is flat")
         at_rail = np.count_nonzero((column <= self._info.range_min) | (column >= self._info.range_max))
         if self._info.range_min < self._info.range_max and at_rail > CLIPPED_SHARE * len(column):
-            reasons.append(f"{channel.name} is saturated")
-        self._take(channel)
+            faults.append(f"{channel.name} is saturated")
+        return faults
 
     def _choose(self) -> None:
         """Move to a clearly better channel, but not to and fro."""
@@ -297,9 +265,9 @@ class PpgStream:
             if self._continues and np.isfinite(pulse.rr_s):
                 rr_ms = (time_ns - self._beats[-1].time_ns) / 1e6
             both = np.minimum(pulse.correlation, self._correlation)
-            beat = Beat(time_ns, rr_ms, bool(both >= TRUSTED), pulse.amplitude)
+            beat = Beat(time_ns, rr_ms, bool(both >= TRUSTED), pulse.amplitude, jitter_s)
             exact = both >= PRECISE and max(jitter_s, self._jitter_s) <= MOST_JITTER_S
-            sure_ms = rr_ms if exact and time_ns > self._two_rhythms_to_ns else np.nan
+            sure_ms = rr_ms if exact and time_ns > self._doubts.two_rhythms_to_ns else np.nan
             self._normal.add(Taken(time_ns, rr_ms, sure_ms, pulse.height))
             self._continues, self._correlation, self._jitter_s = True, pulse.correlation, jitter_s
             self._beats.append(beat)
