@@ -13,6 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,6 +35,8 @@ DISK_MB = 200
 ECG, PPG = "interpreter_ecg", "interpreter_ppg"
 TARGET = "<= 15 s"
 OTHER_HOST = "other"
+APART_S, BEGINS_ANEW_EVERY_S = 0.5, 10.0
+"""Two machines' clocks; and how often a sensor's begins anew: before the 20 s after which clock-sync may be sure."""
 NOBODY = "Polar H10 00000000"
 FLOOD = str(Path(__file__).with_name("flood_publisher.py"))
 FLOOD_WORDS = ("2", "200", "200000", "120")
@@ -98,18 +101,41 @@ class Starved:
             process.send(signal.SIGCONT)
 
 
+class Repeated:
+    """Does something at once and every so many seconds, until it is told to end."""
+
+    def __init__(self, do: Callable[[], object], every_s: float) -> None:
+        self._do, self._every_s, self._ended = do, every_s, threading.Event()
+        self._thread = threading.Thread(target=self._repeat, daemon=True)
+
+    def begin(self) -> None:
+        self._thread.start()
+
+    def end(self) -> None:
+        self._ended.set()
+        self._thread.join()
+
+    def _repeat(self) -> None:
+        self._do()
+        while not self._ended.wait(self._every_s):
+            self._do()
+
+
 class Watched:
     """A study in a session, and the Prometheus that scrapes it."""
 
     def __init__(self, folder: Path, disk: Path, processes: Processes, watch: Monitoring) -> None:
-        self._watch, self._disk, self._start = watch, disk, processes.start
+        self._watch, self._folder, self._disk, self._start = watch, folder, disk, processes.start
         self._study = FaultedStudy(folder, disk, processes.start)
         self._ended = threading.Event()
         threading.Thread(target=self._keep_targets, daemon=True).start()
         self._study.begin()
         self._other_clock = WallClock(folder)
-        where = {"host": OTHER_HOST, "reference_host": this_host()}
-        processes.start("clock_sync", env=self._other_clock.env, **where)
+        self._second_host(self._other_clock)
+
+    def _second_host(self, clock: WallClock) -> Process:
+        """Start the clock-sync of a machine with this clock that is called OTHER_HOST."""
+        return self._start("clock_sync", env=clock.env, host=OTHER_HOST, reference_host=this_host())
 
     def rows(self, small: bool) -> list[dict[str, Any]]:
         """The clean stretch first, then one fault after the other."""
@@ -157,16 +183,36 @@ class Watched:
             self._turned("link slower by 1.5 s", "LinkBehind", STRAP, "latency_s", 1.53, 0.03),
             self._flooded("flood of 40 MB/s"),
             self._absent("driver of a sensor that is not there"),
+            self._doubled("two machines of one host name"),
+            self._beginning_anew("clock of a sensor begins anew every 10 s", STRAP),
         ]
+
+    def _turn(self, sensor: str, knob: str, value: object) -> None:
+        status, said = self._study.running[BENCH].ask(f"/devices/{sensor}/knobs", {knob: value})
+        assert status == 200, said
 
     def _turned(
         self, what: str, alert: str, sensor: str, knob: str, wrong: object, right: object, stays_s: float = 0.0
     ) -> Fault:
-        def turn(value: object) -> None:
-            status, said = self._study.running[BENCH].ask(f"/devices/{sensor}/knobs", {knob: value})
-            assert status == 200, said
-
+        turn = partial(self._turn, sensor, knob)
         return Fault(what, (alert,), lambda: turn(wrong), lambda: turn(right), stays_s)
+
+    def _beginning_anew(self, what: str, sensor: str) -> Fault:
+        """Such a clock never leaves WARMUP; a link that only jitters does after 60 s, as sure as it can be by then."""
+        resets = Repeated(lambda: self._turn(sensor, "clock_reset", True), BEGINS_ANEW_EVERY_S)
+        return Fault(what, ("ClockNotFound",), resets.begin, resets.end, waits_s=60.0)
+
+    def _doubled(self, what: str) -> Fault:
+        """As on a machine that was set up from another one's disk."""
+        folder, begun = self._folder / "doubled", list[Process]()
+
+        def begin() -> None:
+            folder.mkdir()
+            clock = WallClock(folder)
+            clock.step(APART_S)
+            begun.append(self._second_host(clock))
+
+        return Fault(what, ("ServiceNotReady",), begin, lambda: begun[0].kill())
 
     def _killed(self, what: str, name: str) -> Fault:
         def again() -> None:
