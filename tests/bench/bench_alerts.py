@@ -12,7 +12,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -41,6 +41,8 @@ NOBODY = "Polar H10 00000000"
 FLOOD = str(Path(__file__).with_name("flood_publisher.py"))
 FLOOD_WORDS = ("2", "200", "200000", "120")
 """Topics, messages per second, bytes of each, seconds."""
+OWN_FLOODS = [("40", "6000", "200", "120", f"flood_{number}") for number in range(4)]
+"""More than a core takes in; 150 messages/s of each topic, of which its queue holds half a minute."""
 DOWN = ("ServiceDown", "ServiceUnanswering")
 SHORT_BYTES, NO_BYTES = 6_000_000, 100_000
 """What is left for minutes only; and less than the tenth of `free_floor_mb` at which a running recording stops."""
@@ -181,7 +183,8 @@ class Watched:
             self._restarted("interpreter killed and begun anew", PPG),
             self._turned("one of fifty packets lost", "SamplesLost", STRAP, "loss", 0.02, 0.0, stays_s=60.0),
             self._turned("link slower by 1.5 s", "LinkBehind", STRAP, "latency_s", 1.53, 0.03),
-            self._flooded("flood of 40 MB/s"),
+            self._flooded("flood of 40 MB/s", "MessagesDropped", [FLOOD_WORDS], stays_s=60.0),
+            self._overwhelmed("24 000 messages/s for a recorder that has one core"),
             self._absent("driver of a sensor that is not there"),
             self._doubled("two machines of one host name"),
             self._beginning_anew("clock of a sensor begins anew every 10 s", STRAP),
@@ -230,17 +233,39 @@ class Watched:
         starved = Starved(lambda: self._study.running[name])
         return Fault(what, ("LatencyGrowing",), starved.begin, starved.end, stays_s=30.0)
 
-    def _flooded(self, what: str) -> Fault:
+    def _flooded(self, what: str, alert: str, each: Sequence[Sequence[str]], stays_s: float = 0.0) -> Fault:
+        """By one process for each of these words."""
         floods: list[subprocess.Popen[bytes]] = []
 
         def begin() -> None:
-            floods.append(subprocess.Popen([sys.executable, FLOOD, *FLOOD_WORDS], stdout=subprocess.DEVNULL))
+            floods.extend(
+                subprocess.Popen([sys.executable, FLOOD, *words], stdout=subprocess.DEVNULL) for words in each
+            )
 
         def end() -> None:
-            floods[0].kill()
-            floods[0].wait()
+            for flood in floods:
+                flood.kill()
+                flood.wait()
 
-        return Fault(what, ("MessagesDropped",), begin, end, stays_s=60.0)
+        return Fault(what, (alert,), begin, end, stays_s)
+
+    def _overwhelmed(self, what: str) -> Fault:
+        """SIGSTOP would not do: what is stopped does not receive either, and a message waits from its receipt on."""
+        flooded, cores = self._flooded(what, "RecorderBehind", OWN_FLOODS), os.sched_getaffinity(0)
+
+        def keep_to(allowed: set[int]) -> None:
+            for thread in Path(f"/proc/{self._study.running[RECORDER].child.pid}/task").iterdir():
+                os.sched_setaffinity(int(thread.name), allowed)
+
+        def begin() -> None:
+            keep_to({min(cores)})
+            flooded.hurt()
+
+        def end() -> None:
+            flooded.heal()
+            keep_to(cores)
+
+        return flooded._replace(hurt=begin, heal=end)
 
     def _absent(self, what: str) -> Fault:
         begun: list[Process] = []
