@@ -12,7 +12,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -64,7 +64,7 @@ def rows() -> list[dict[str, Any]]:
 
 
 class Fault(NamedTuple):
-    """What hurts, which alerts may tell it, and what heals.
+    """What hurts, which alerts may tell it, and what heals; prepare: what takes its time before it can hurt.
 
     stays_s: for how long the rule looks back. waits_s: for how long it waits on purpose before it fires.
     """
@@ -75,6 +75,7 @@ class Fault(NamedTuple):
     heal: Callable[[], object]
     stays_s: float = 0.0
     waits_s: float = 0.0
+    prepare: Callable[[], object] = lambda: None
 
 
 class Starved:
@@ -183,7 +184,7 @@ class Watched:
             self._restarted("interpreter killed and begun anew", PPG),
             self._turned("one of fifty packets lost", "SamplesLost", STRAP, "loss", 0.02, 0.0, stays_s=60.0),
             self._turned("link slower by 1.5 s", "LinkBehind", STRAP, "latency_s", 1.53, 0.03),
-            self._flooded("flood of 40 MB/s", "MessagesDropped", [FLOOD_WORDS], stays_s=60.0),
+            self._flooded("flood of 40 MB/s"),
             self._overwhelmed("24 000 messages/s for a recorder that has one core"),
             self._absent("driver of a sensor that is not there"),
             self._doubled("two machines of one host name"),
@@ -233,39 +234,47 @@ class Watched:
         starved = Starved(lambda: self._study.running[name])
         return Fault(what, ("LatencyGrowing",), starved.begin, starved.end, stays_s=30.0)
 
-    def _flooded(self, what: str, alert: str, each: Sequence[Sequence[str]], stays_s: float = 0.0) -> Fault:
-        """By one process for each of these words."""
+    def _flooded(self, what: str) -> Fault:
         floods: list[subprocess.Popen[bytes]] = []
 
         def begin() -> None:
-            floods.extend(
-                subprocess.Popen([sys.executable, FLOOD, *words], stdout=subprocess.DEVNULL) for words in each
-            )
+            floods.append(subprocess.Popen([sys.executable, FLOOD, *FLOOD_WORDS], stdout=subprocess.DEVNULL))
 
         def end() -> None:
-            for flood in floods:
-                flood.kill()
-                flood.wait()
+            floods[0].kill()
+            floods[0].wait()
 
-        return Fault(what, (alert,), begin, end, stays_s)
+        return Fault(what, ("MessagesDropped",), begin, end, stays_s=60.0)
 
     def _overwhelmed(self, what: str) -> Fault:
         """SIGSTOP would not do: what is stopped does not receive either, and a message waits from its receipt on."""
-        flooded, cores = self._flooded(what, "RecorderBehind", OWN_FLOODS), os.sched_getaffinity(0)
+        floods, cores = list[subprocess.Popen[str]](), os.sched_getaffinity(0)
 
-        def keep_to(allowed: set[int]) -> None:
-            for thread in Path(f"/proc/{self._study.running[RECORDER].child.pid}/task").iterdir():
-                os.sched_setaffinity(int(thread.name), allowed)
+        def prepare() -> None:
+            for words in OWN_FLOODS:
+                command = [sys.executable, FLOOD, *words]
+                floods.append(subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True))
+            for flood in floods:
+                assert flood.stdout is not None
+                assert flood.stdout.readline() == "there\n"
 
         def begin() -> None:
-            keep_to({min(cores)})
-            flooded.hurt()
+            self._keep_to({min(cores)}, RECORDER)
+            for flood in floods:
+                assert flood.stdin is not None
+                flood.stdin.close()
 
         def end() -> None:
-            flooded.heal()
-            keep_to(cores)
+            for flood in floods:
+                with flood:
+                    flood.kill()
+            self._keep_to(cores, RECORDER)
 
-        return flooded._replace(hurt=begin, heal=end)
+        return Fault(what, ("RecorderBehind",), begin, end, prepare=prepare)
+
+    def _keep_to(self, cores: set[int], name: str) -> None:
+        for thread in Path(f"/proc/{self._study.running[name].child.pid}/task").iterdir():
+            os.sched_setaffinity(int(thread.name), cores)
 
     def _absent(self, what: str) -> Fault:
         begun: list[Process] = []
@@ -309,6 +318,7 @@ class Watched:
         ]
 
     def _measured(self, fault: Fault) -> dict[str, Any]:
+        fault.prepare()
         before = {one for one in self._watch.firing() if one[0] in fault.alerts}
         begun_s = time.monotonic()
         fault.hurt()

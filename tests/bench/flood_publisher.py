@@ -2,7 +2,8 @@
 
 flood_publisher.py TOPICS MESSAGES_PER_S BYTES SECONDS [STUDY_NAME]
 
-STUDY_NAME: the node is called so; its topics are /study/STUDY_NAME_0 and so on, to a recorder the study's own.
+STUDY_NAME: the node is called so; its topics are /study/STUDY_NAME_0 and so on, to a recorder the study's own; and it
+publishes only once its standard input has ended.
 MESSAGES_PER_S is over all topics together; 0 = silent. At the end it prints `sent N`.
 """
 
@@ -25,6 +26,8 @@ def main() -> None:
     names = [forms.format(i) for i in range(int(topics))]
     publishers = [node.create_publisher(PhysioRaw, name, QoSProfile(depth=10)) for name in names]
     print("there", flush=True)
+    if own:
+        sys.stdin.read()
     data, sent, begun_s = bytes(message_bytes(int(size))[0]), 0, time.monotonic()
     while rclpy.ok() and (now_s := time.monotonic() - begun_s) < seconds:
         while sent < now_s * rate and time.monotonic() - begun_s < seconds:
