@@ -185,10 +185,11 @@ class Watched:
             self._turned("one of fifty packets lost", "SamplesLost", STRAP, "loss", 0.02, 0.0, stays_s=60.0),
             self._turned("link slower by 1.5 s", "LinkBehind", STRAP, "latency_s", 1.53, 0.03),
             self._flooded("flood of 40 MB/s"),
-            self._overwhelmed("24 000 messages/s for a recorder that has one core"),
             self._absent("driver of a sensor that is not there"),
             self._doubled("two machines of one host name"),
             self._beginning_anew("clock of a sensor begins anew every 10 s", STRAP),
+            self._overwhelmed("24 000 messages/s for one core, too many for queues", "MessagesLost", stays_s=60.0),
+            self._overwhelmed("24 000 messages/s for a recorder that has one core", "RecorderBehind"),
         ]
 
     def _turn(self, sensor: str, knob: str, value: object) -> None:
@@ -246,7 +247,7 @@ class Watched:
 
         return Fault(what, ("MessagesDropped",), begin, end, stays_s=60.0)
 
-    def _overwhelmed(self, what: str) -> Fault:
+    def _overwhelmed(self, what: str, alert: str, stays_s: float = 0.0) -> Fault:
         """SIGSTOP would not do: what is stopped does not receive either, and a message waits from its receipt on."""
         floods, cores = list[subprocess.Popen[str]](), os.sched_getaffinity(0)
 
@@ -270,7 +271,7 @@ class Watched:
                     flood.kill()
             self._keep_to(cores, RECORDER)
 
-        return Fault(what, ("RecorderBehind",), begin, end, prepare=prepare)
+        return Fault(what, (alert,), begin, end, stays_s, prepare=prepare)
 
     def _keep_to(self, cores: set[int], name: str) -> None:
         for thread in Path(f"/proc/{self._study.running[name].child.pid}/task").iterdir():
