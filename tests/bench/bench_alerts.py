@@ -13,6 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,10 +35,14 @@ DISK_MB = 200
 ECG, PPG = "interpreter_ecg", "interpreter_ppg"
 TARGET = "<= 15 s"
 OTHER_HOST = "other"
+APART_S, BEGINS_ANEW_EVERY_S = 0.5, 10.0
+"""Two machines' clocks; and how often a sensor's begins anew: before the 20 s after which clock-sync may be sure."""
 NOBODY = "Polar H10 00000000"
 FLOOD = str(Path(__file__).with_name("flood_publisher.py"))
 FLOOD_WORDS = ("2", "200", "200000", "120")
 """Topics, messages per second, bytes of each, seconds."""
+OWN_FLOODS = [("40", "6000", "200", "120", f"flood_{number}") for number in range(4)]
+"""More than a core takes in; 150 messages/s of each topic, of which its queue holds half a minute."""
 DOWN = ("ServiceDown", "ServiceUnanswering")
 SHORT_BYTES, NO_BYTES = 6_000_000, 100_000
 """What is left for minutes only; and less than the tenth of `free_floor_mb` at which a running recording stops."""
@@ -59,7 +64,7 @@ def rows() -> list[dict[str, Any]]:
 
 
 class Fault(NamedTuple):
-    """What hurts, which alerts may tell it, and what heals.
+    """What hurts, which alerts may tell it, and what heals; prepare: what takes its time before it can hurt.
 
     stays_s: for how long the rule looks back. waits_s: for how long it waits on purpose before it fires.
     """
@@ -70,6 +75,7 @@ class Fault(NamedTuple):
     heal: Callable[[], object]
     stays_s: float = 0.0
     waits_s: float = 0.0
+    prepare: Callable[[], object] = lambda: None
 
 
 class Starved:
@@ -98,18 +104,41 @@ class Starved:
             process.send(signal.SIGCONT)
 
 
+class Repeated:
+    """Does something at once and every so many seconds, until it is told to end."""
+
+    def __init__(self, do: Callable[[], object], every_s: float) -> None:
+        self._do, self._every_s, self._ended = do, every_s, threading.Event()
+        self._thread = threading.Thread(target=self._repeat, daemon=True)
+
+    def begin(self) -> None:
+        self._thread.start()
+
+    def end(self) -> None:
+        self._ended.set()
+        self._thread.join()
+
+    def _repeat(self) -> None:
+        self._do()
+        while not self._ended.wait(self._every_s):
+            self._do()
+
+
 class Watched:
     """A study in a session, and the Prometheus that scrapes it."""
 
     def __init__(self, folder: Path, disk: Path, processes: Processes, watch: Monitoring) -> None:
-        self._watch, self._disk, self._start = watch, disk, processes.start
+        self._watch, self._folder, self._disk, self._start = watch, folder, disk, processes.start
         self._study = FaultedStudy(folder, disk, processes.start)
         self._ended = threading.Event()
         threading.Thread(target=self._keep_targets, daemon=True).start()
         self._study.begin()
         self._other_clock = WallClock(folder)
-        where = {"host": OTHER_HOST, "reference_host": this_host()}
-        processes.start("clock_sync", env=self._other_clock.env, **where)
+        self._second_host(self._other_clock)
+
+    def _second_host(self, clock: WallClock) -> Process:
+        """Start the clock-sync of a machine with this clock that is called OTHER_HOST."""
+        return self._start("clock_sync", env=clock.env, host=OTHER_HOST, reference_host=this_host())
 
     def rows(self, small: bool) -> list[dict[str, Any]]:
         """The clean stretch first, then one fault after the other."""
@@ -157,16 +186,38 @@ class Watched:
             self._turned("link slower by 1.5 s", "LinkBehind", STRAP, "latency_s", 1.53, 0.03),
             self._flooded("flood of 40 MB/s"),
             self._absent("driver of a sensor that is not there"),
+            self._doubled("two machines of one host name"),
+            self._beginning_anew("clock of a sensor begins anew every 10 s", STRAP),
+            self._overwhelmed("24 000 messages/s for one core, too many for queues", "MessagesLost", stays_s=60.0),
+            self._overwhelmed("24 000 messages/s for a recorder that has one core", "RecorderBehind"),
         ]
+
+    def _turn(self, sensor: str, knob: str, value: object) -> None:
+        status, said = self._study.running[BENCH].ask(f"/devices/{sensor}/knobs", {knob: value})
+        assert status == 200, said
 
     def _turned(
         self, what: str, alert: str, sensor: str, knob: str, wrong: object, right: object, stays_s: float = 0.0
     ) -> Fault:
-        def turn(value: object) -> None:
-            status, said = self._study.running[BENCH].ask(f"/devices/{sensor}/knobs", {knob: value})
-            assert status == 200, said
-
+        turn = partial(self._turn, sensor, knob)
         return Fault(what, (alert,), lambda: turn(wrong), lambda: turn(right), stays_s)
+
+    def _beginning_anew(self, what: str, sensor: str) -> Fault:
+        """Such a clock never leaves WARMUP; a link that only jitters does after 60 s, as sure as it can be by then."""
+        resets = Repeated(lambda: self._turn(sensor, "clock_reset", True), BEGINS_ANEW_EVERY_S)
+        return Fault(what, ("ClockNotFound",), resets.begin, resets.end, waits_s=60.0)
+
+    def _doubled(self, what: str) -> Fault:
+        """As on a machine that was set up from another one's disk."""
+        folder, begun = self._folder / "doubled", list[Process]()
+
+        def begin() -> None:
+            folder.mkdir()
+            clock = WallClock(folder)
+            clock.step(APART_S)
+            begun.append(self._second_host(clock))
+
+        return Fault(what, ("ServiceNotReady",), begin, lambda: begun[0].kill())
 
     def _killed(self, what: str, name: str) -> Fault:
         def again() -> None:
@@ -195,6 +246,36 @@ class Watched:
             floods[0].wait()
 
         return Fault(what, ("MessagesDropped",), begin, end, stays_s=60.0)
+
+    def _overwhelmed(self, what: str, alert: str, stays_s: float = 0.0) -> Fault:
+        """SIGSTOP would not do: what is stopped does not receive either, and a message waits from its receipt on."""
+        floods, cores = list[subprocess.Popen[str]](), os.sched_getaffinity(0)
+
+        def prepare() -> None:
+            for words in OWN_FLOODS:
+                command = [sys.executable, FLOOD, *words]
+                floods.append(subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True))
+            for flood in floods:
+                assert flood.stdout is not None
+                assert flood.stdout.readline() == "there\n"
+
+        def begin() -> None:
+            self._keep_to({min(cores)}, RECORDER)
+            for flood in floods:
+                assert flood.stdin is not None
+                flood.stdin.close()
+
+        def end() -> None:
+            for flood in floods:
+                with flood:
+                    flood.kill()
+            self._keep_to(cores, RECORDER)
+
+        return Fault(what, (alert,), begin, end, stays_s, prepare=prepare)
+
+    def _keep_to(self, cores: set[int], name: str) -> None:
+        for thread in Path(f"/proc/{self._study.running[name].child.pid}/task").iterdir():
+            os.sched_setaffinity(int(thread.name), cores)
 
     def _absent(self, what: str) -> Fault:
         begun: list[Process] = []
@@ -238,6 +319,7 @@ class Watched:
         ]
 
     def _measured(self, fault: Fault) -> dict[str, Any]:
+        fault.prepare()
         before = {one for one in self._watch.firing() if one[0] in fault.alerts}
         begun_s = time.monotonic()
         fault.hurt()

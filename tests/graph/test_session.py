@@ -19,6 +19,7 @@ from processes import DEADLINE_S, Process, Processes, withheld_s
 from rclpy.qos import QoSProfile
 from rosbags.highlevel import AnyReader
 from sense4hri import qos
+from sense4hri.beats import TWINS
 from sense4hri.crowd import MOST, TOO_MANY
 from sense4hri.stamps import to_ns
 from sense4hri_msgs.msg import ECG, ClockModel, Marker, SessionAck, SessionState
@@ -332,6 +333,18 @@ def test_services_that_come_and_go_are_recorded_events(study):
     study.until(lambda: not study.states[-1].waiting_for, "everybody has acknowledged")
     assert study.ask(StopSession, "/study/stop_session", StopSession.Request()).success
     assert "gone before the end: toy_member_0" in study.phase(SessionState.IDLE).detail
+
+
+def test_two_nodes_of_one_name_are_waited_for_until_one_has_left(study):
+    """Both acknowledge under the one name, so that only their heartbeats tell; each is heard after the other."""
+    coordinator = study.coordinator()
+    first, _ = (study.run("toy_driver.py", human_id="p1", sensor_id="toy_1") for _ in range(2))
+    study.hear_nodes(coordinator, "driver_toy_toy_1")
+    wish = StartSession.Request(study="s", required_streams=["/camera"])
+    assert study.ask(StartSession, "/study/start_session", wish).success
+    waits(study, f"driver_toy_toy_1: {TWINS}")
+    first.stop()
+    study.until(lambda: list(study.states[-1].waiting_for) == ["/camera: absent"], "one is left")
 
 
 def test_a_killed_coordinator_goes_on_with_the_session(study):

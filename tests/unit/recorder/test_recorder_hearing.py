@@ -142,6 +142,36 @@ def test_a_round_that_was_kept_waiting_is_rested_for_by_what_it_used_and_answers
     assert rests[0] < 0.4  # twice the 0.4 s that were waited would be 0.8
 
 
+def test_how_far_behind_it_is_is_told_in_the_middle_of_a_round(monkeypatch):
+    """Where more comes than is taken in a round lasts for seconds, and what the one before has found is long past."""
+    monkeypatch.setattr(hearing_module.rcl, "WaitSet", Ready)
+    clock, work, behind_s = SimpleNamespace(now_s=0.0), [], []
+    node = SimpleNamespace(
+        create_subscription=lambda kind, name, take, profile, **_: Sent(name, 1, clock),
+        context=SimpleNamespace(handle=None),
+    )
+
+    def thread(name, function, pulse):
+        work.append(function)
+        return SimpleNamespace(join=lambda: None)
+
+    hearing = Hearing(SimpleNamespace(node=node, thread=thread))
+    rounds = []
+
+    def rest(seconds):
+        rounds.append(hearing.behind_s)
+        if len(rounds) == 2:
+            hearing.close(lambda: None)
+
+    monkeypatch.setattr(hearing_module.time, "sleep", rest)
+    monkeypatch.setattr(hearing_module.time, "time_ns", lambda: 5_000_000_001)  # 5 s after what `Sent` gives
+    for name in ("/a", "/b"):
+        hearing.subscribe(bytes, name, lambda _: behind_s.append(hearing.behind_s), None, True)
+    work[0]()
+    assert behind_s == [0.0, 5.0]
+    assert rounds == [5.0, 0.0]
+
+
 def test_after_a_round_that_used_much_it_rests_no_longer_than_a_stop_can_wait(monkeypatch):
     """A flood that takes a minute of CPU is no reason to hear nothing for two: queues fill, and a stop waits."""
     rests, work = [], []

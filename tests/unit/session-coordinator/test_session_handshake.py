@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 from conducted_study import WISH, Study
+from sense4hri.beats import TWINS
 from sense4hri.intake import check
 from session_coordinator.config import Config
 from session_coordinator.session import Ack, Phase, Publish
@@ -319,6 +320,20 @@ def test_a_service_that_hangs_is_told_while_recording_a_stranger_s_holds_up_no_s
     study.do(study.coordinator.troubles({}, study.now()))
     assert study.session.waiting_for == ()
     assert study.notes() == ["clock_sync: no heartbeat", "clock_sync: lives again"]
+
+
+def test_two_nodes_of_one_name_hold_a_start_up_and_are_noted():
+    """One answers for both, and both publish as one; that one of them has left is no life that came back."""
+    study, twins = Study("driver"), {"driver": TWINS}
+    study.start()
+    study.do(study.coordinator.troubles(twins, study.now()))
+    study.ack("driver")
+    assert (study.session.phase, study.session.waiting_for) == (Phase.PREPARING, (f"driver: {TWINS}",))
+    study.do(study.coordinator.troubles({}, study.now()))
+    assert study.session.phase is Phase.RECORDING
+    for told in (twins, twins, {}):
+        study.do(study.coordinator.troubles(told, study.now()))
+    assert study.notes() == [f"driver: {TWINS}", "driver: is one node again"]
 
 
 def test_who_was_dead_before_a_session_and_takes_no_part_is_none_of_its_troubles():

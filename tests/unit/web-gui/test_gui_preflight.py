@@ -89,6 +89,23 @@ def test_whoever_takes_part_in_sessions_must_answer():
     assert all(item.ok for item in preflight.of_study(study, NOW))
 
 
+@pytest.mark.parametrize("name", ["clock_sync", "recorder", "session_coordinator"])
+def test_two_nodes_of_one_name_are_in_the_way(name):
+    """Whoever it is, the two who have an entry of their own among them; what is worse stays told."""
+    study = Study()
+    study.services.expected = {"clock_sync", "recorder", "session_coordinator"}
+    study.session.coordinator = True
+    study.session.recorder.take(RecorderStatus("recorder", message="waits for a session"), NOW)
+    for run in "121":
+        study.services.take(Beat(name, run), NOW)
+    found = {item.what: item for item in preflight.of_study(study, NOW)}
+    assert [item.what for item in found.values() if not item.ok] == [name]
+    assert found[name].found == "two nodes have this name, and nobody can tell them apart"
+    assert found[name].mend == "end one, or have them in two ROS domains"
+    study.session.recorder.take(RecorderStatus("recorder", level="error", message="no space"), NOW)
+    assert {item.what: item.found for item in preflight.of_study(study, NOW)}["recorder"] == "no space"
+
+
 def test_the_page_gets_it_with_the_rate_at_which_a_recording_grows():
     """From the rates and channels of what streams: 130 values a second of a strap."""
     study = Study()

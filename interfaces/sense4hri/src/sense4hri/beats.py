@@ -12,6 +12,10 @@ UNANSWERED_S = 2.0  # of a thread, until its service says so
 AFRESH_S = 10.0
 MAKES_ROOM_S = 600.0  # silent for so long, where others come
 MOST = 500
+TWO_NODES = "two nodes have this name, and nobody can tell them apart"
+END_ONE = "end one, or have them in two ROS domains"
+TWINS = f"{TWO_NODES}; {END_ONE}"
+"""What is told of whom `Beats.twins` returns."""
 
 
 class Beat(NamedTuple):

@@ -156,6 +156,7 @@ class Hearing:
         for one in ready:
             self._pulse.beat()  # on a machine that is too busy a round may take longer than a hang
             _take(one, take, MOST_AT_ONCE)
+            self.behind_s = max(self.behind_s, (now_ns - self._oldest_ns) / SECOND_NS)  # a long round tells meanwhile
         self.behind_s = (now_ns - self._oldest_ns) / SECOND_NS
 
     def _take_some(self, ready: list[_Heard], take: Take) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import serialize_message
 from sense4hri import diagnostics, qos
-from sense4hri.beats import SILENT_S, Beats
+from sense4hri.beats import SILENT_S, TWINS, Beats
 from sense4hri.errors import ConfigError, Refusal
 from sense4hri.names import ROOT, StreamName
 from sense4hri.recorder_status import RecorderStatus
@@ -183,11 +183,14 @@ class Shell:
                 self._recorders.take(beat, self._awake.now_s())
 
     def _troubles(self) -> Mapping[str, str]:
-        """What is wrong with the other services; of those who record, what they say of the recording first."""
+        """What is wrong with the other services; of those who record, what they say of the recording first.
+
+        Of two coordinators each has a rule of its own: `_has_rival`.
+        """
         session, now_s = self._coordinator.session, self._awake.now_s()
         recording = [name for name in self._service.config.last_services if name in session.expected]
         recorders = self._recorders.troubles(recording, session.session_id, self._coordinator.entered_s, now_s)
-        services = self._services.troubles(now_s)
+        services = {**dict.fromkeys(self._services.twins(now_s), TWINS), **self._services.troubles(now_s)}
         services.pop(self._service.node.get_name(), None)
         return {**services, **recorders}
 

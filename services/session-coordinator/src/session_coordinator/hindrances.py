@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping
 
+from sense4hri.beats import TWINS
 from sense4hri.waiting import STREAMS_NOT_LOOKED_AT, Waited
 
 from session_coordinator.session import Note
@@ -18,8 +19,8 @@ class Hindrances:
         """Take what is wrong with services now, node -> why; recorders: of whom it is said that they record again."""
         before, self._services = self._services, dict(troubles)
         notes = [Note(f"{name}: {why}") for name, why in sorted(troubles.items()) if before.get(name) != why]
-        does = {name: "records" if name in recorders else "lives" for name in before}
-        return notes + [Note(f"{name}: {does[name]} again") for name in sorted(before.keys() - troubles.keys())]
+        over = {name: _does(why, name in recorders) for name, why in before.items() if name not in troubles}
+        return notes + [Note(f"{name}: {does} again") for name, does in sorted(over.items())]
 
     def streams_are(self, troubles: Mapping[str, str]) -> list[Note]:
         """Take what is wrong with required streams now, topic or glob -> why."""
@@ -38,3 +39,10 @@ class Hindrances:
         """Return what is waited for while nobody has looked at the required streams."""
         looked = self._streams is not None or not required_streams
         return [] if looked else [Waited(STREAMS_NOT_LOOKED_AT, "being looked at")]
+
+
+def _does(trouble: str, records: bool) -> str:
+    """Return what a service does again that was in this trouble."""
+    if trouble == TWINS:
+        return "is one node"
+    return "records" if records else "lives"

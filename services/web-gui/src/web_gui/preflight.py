@@ -6,6 +6,8 @@ The bounds are those of the alerts (`rules.RULES`). Whether a session starts is 
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from sense4hri.beats import END_ONE, TWO_NODES
+
 from web_gui.model import DRIVER, Study
 from web_gui.readings import number
 from web_gui.rules import RULES
@@ -31,8 +33,10 @@ def of_stream(stream: Stream, now_ns: int) -> list[Item]:
 
 
 def of_study(study: Study, now_ns: int) -> list[Item]:
-    """Return who must answer: coordinator, recorder, and everybody who takes part in sessions."""
-    return [_coordinator(study), _recorder(study, now_ns), *_services(study, now_ns)]
+    """Return who must answer, each as one node: coordinator, recorder, and everybody who takes part in sessions."""
+    items = [_coordinator(study), _recorder(study, now_ns), *_services(study, now_ns)]
+    twins = study.services.twins(now_ns)
+    return [Item(item.what, False, TWO_NODES, END_ONE) if item.ok and item.what in twins else item for item in items]
 
 
 def bytes_per_s(study: Study) -> float:

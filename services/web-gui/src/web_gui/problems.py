@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from itertools import groupby
 
-from sense4hri.beats import AFRESH_S
+from sense4hri.beats import AFRESH_S, END_ONE
 from sense4hri.stamps import SECOND_NS
 
 from web_gui.model import DRIVER, Study
@@ -103,8 +103,7 @@ def _heard(stream: Stream, now_ns: int) -> bool:
 def _twins(services: Services, now_ns: int) -> Iterator[Problem]:
     """Yield under which names two nodes live, each of which speaks for both."""
     for service in services.twins(now_ns):
-        cure = "end one, or have them in two ROS domains"
-        text = f"two nodes are called {service}, and nobody can tell them apart; {cure}"
+        text = f"two nodes are called {service}, and nobody can tell them apart; {END_ONE}"
         yield Problem(f"twin {service}", text, "error")
 
 
