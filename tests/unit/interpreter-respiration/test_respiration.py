@@ -414,3 +414,23 @@ def test_a_pause_at_an_end_of_the_window_is_part_of_it(pause_s, cycle_s, wanes):
     assert max(np.array(above)[sure], default=0.0) < 3.0
     assert pause_s > 12 or wanes or sum(sure) > 20
     assert any("no breath for" in reason for update in updates for reason in update.reasons)
+
+
+@pytest.mark.parametrize("before", [0, 1, 3])
+@pytest.mark.parametrize(("per_min", "paused"), [(12.0, 6), (18.0, 9), (25.0, 9), (25.0, 12)])
+def test_noise_before_a_breath_is_known_is_no_breath(per_min, paused, before):
+    """A slow belt, which shows no noise, begins in a pause, or with three breaths and less: sure rates are the breaths'."""
+    updates = play(of_heights([1.0] * before + [0.0] * paused + [1.0] * 30, per_min)[::3], FS_HZ / 3)
+    sure = [u.breaths_per_min for u in updates if u.signal_quality >= 0.7 and np.isfinite(u.breaths_per_min)]
+    assert len(sure) > 10
+    np.testing.assert_allclose(sure, per_min, atol=0.5)
+
+
+@pytest.mark.parametrize("per_min", [12.0, 15.0])
+def test_a_pause_that_goes_on_is_half_of_what_it_will_be(per_min):
+    """A minute of even breathing, then none: doubted when two breaths and a half are missing, not three or two."""
+    breaths = round(1.2 * per_min)
+    updates = play(of_heights([1.0] * breaths + [0.0] * 6, per_min))
+    doubted_ns = [u.device_ns for u in updates if any("no breath for" in reason for reason in u.reasons)]
+    missing = ((doubted_ns[0] - T0_NS) / 1e9 * per_min / 60) - (breaths - 0.5)
+    assert 2.5 <= missing < 2.5 + 1.2 * per_min / 60

@@ -88,9 +88,14 @@ def with_smaller(raw: Floats, waves: Floats, found: list[Breath]) -> list[Breath
     if not found:
         return []
     level = smoothed(raw, SMOOTH_S)
-    every = _left_by(waves, SMALL * median(_rises(waves, found)))
+    every = _left_by(waves, SMALL * usual_rise(waves, found))
     high = _rises(level, every) >= SMALL * median(_rises(level, found))
     return [breath for breath, is_high in zip(every, high, strict=True) if is_high]
+
+
+def usual_rise(waves: Floats, found: list[Breath]) -> float:
+    """Return how far the inspiration of a usual breath raises the waves, in their unit; NaN of no breath."""
+    return median(_rises(waves, found)) if found else np.nan
 
 
 def _rises(values: Floats, found: list[Breath]) -> Floats:

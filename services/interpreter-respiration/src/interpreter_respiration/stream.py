@@ -53,12 +53,16 @@ class Seen(NamedTuple):
 
 
 class Told(NamedTuple):
-    """A breath that was told; begin_ns, end_ns: of its inspiration. broken: no period ends with it."""
+    """A breath that was told; begin_ns, end_ns: of its inspiration. broken: no period ends with it.
+
+    rise: of the waves, in the unit of the stream.
+    """
 
     time_ns: int
     begin_ns: int
     end_ns: int
     broken: bool
+    rise: float
 
 
 class Rate(NamedTuple):
@@ -185,6 +189,7 @@ class RespirationStream:
         seen = self._look(slice(newest, None))
         problem = self._problem(seen)
         if not problem:
+            self._told = self._confirmed(seen)
             fresh += self._fresh(seen, block.end_ns - round(settled_s * SECOND_NS))
             return self._said(block, seen, fresh)
         if not problem.startswith("needs"):
@@ -277,10 +282,24 @@ class RespirationStream:
                 broken = max(int(seen.times_ns[0]), self._told_ns) > before_ns or self._hides(seen, before_ns, breath)
                 ends = features.inspiration(seen.raw, breath)
                 begin_ns, end_ns = (int(seen.times_ns[0]) + round(at * SECOND_NS / GRID_HZ) for at in ends)
-                self._told.append(Told(time_ns, begin_ns, end_ns, broken))
+                rise = float(seen.waves[breath.peak] - seen.waves[breath.trough])
+                self._told.append(Told(time_ns, begin_ns, end_ns, broken, rise))
                 self._told_ns = time_ns
                 fresh.append(time_ns)
         return fresh
+
+    def _confirmed(self, seen: Seen) -> list[Told]:
+        """Breaths that were told, without those that the breaths of the last minute show to have been noise.
+
+        Before the first breath nothing tells how high one is. No period is measured across what was no breath.
+        """
+        least = features.SMALL * features.usual_rise(seen.waves, seen.breaths)
+        is_breath = [not told.rise < least for told in self._told]
+        return [
+            told._replace(broken=told.broken or not after_breath)
+            for told, is_one, after_breath in zip(self._told, is_breath, [True, *is_breath], strict=False)
+            if is_one
+        ]
 
     def _hides(self, seen: Seen, before_ns: int, breath: features.Breath) -> bool:
         """Whether a shift of posture between two breaths hides others, which makes the period far too long."""
