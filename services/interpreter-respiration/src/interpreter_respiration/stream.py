@@ -319,9 +319,7 @@ class RespirationStream:
 
     def _doubts(self, seen: Seen, periods_s: Floats, start_ns: int, end_ns: int) -> list[str]:
         """Why the rate may be another one although the belt shows breathing clearly."""
-        doubts, (told, missed) = [], self._missed(seen)
-        if missed >= max(1, MISSED * told):
-            doubts.append(f"{missed} smaller waves between {told} breaths come as evenly and may be breaths too")
+        doubts = self._missed(seen)
         known_s = periods_s[np.isfinite(periods_s)]
         if len(known_s):
             from_ns = max(start_ns, int(seen.times_ns[0]))
@@ -331,14 +329,24 @@ class RespirationStream:
                 doubts.append(f"no breath for {paused_s:.0f} s more than between others: the rate is that of the rest")
         return doubts
 
-    def _missed(self, seen: Seen) -> tuple[int, int]:
-        """(breaths that were told, smaller waves between them that are none and come as evenly)."""
+    def _missed(self, seen: Seen) -> list[str]:
+        """Why waves between the breaths that were told may be breaths too: they come as evenly, or are high enough."""
+        even = seen.every if features.evenness(seen.every) >= features.MOSTLY else []
+        high = features.high(seen.waves, seen.every, seen.breaths)
+        for waves, why in ((even, "come as evenly"), (high, f"are {features.HIGH:g} of their height")):
+            told, missed = self._between(seen, waves)
+            if missed >= max(1, MISSED * told):
+                return [f"{missed} smaller waves between {told} breaths {why} and may be breaths too"]
+        return []
+
+    def _between(self, seen: Seen, waves: list[features.Breath]) -> tuple[int, int]:
+        """(breaths that were told, waves between them that are none)."""
         times_ns = np.array([breath.time_ns for breath in self._told if breath.time_ns >= seen.times_ns[0]], np.int64)
-        if len(times_ns) < 2 or features.evenness(seen.every) < features.MOSTLY:
+        if len(times_ns) < 2:
             return len(times_ns), 0
         near_ns = round(APART_S / 2 * SECOND_NS)
-        every_ns = seen.times_ns[[breath.peak for breath in seen.every]]
-        between = (every_ns > times_ns[0] - near_ns) & (every_ns < times_ns[-1] + near_ns)
+        waves_ns = seen.times_ns[np.array([wave.peak for wave in waves], int)]
+        between = (waves_ns > times_ns[0] - near_ns) & (waves_ns < times_ns[-1] + near_ns)
         return len(times_ns), int(np.count_nonzero(between)) - len(times_ns)
 
     def _paused_s(self, seen: Seen, usual_s: float, from_ns: int, end_ns: int) -> float:
