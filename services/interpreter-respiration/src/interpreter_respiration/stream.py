@@ -346,8 +346,9 @@ class RespirationStream:
             return len(times_ns), 0
         near_ns = round(APART_S / 2 * SECOND_NS)
         waves_ns = seen.times_ns[np.array([wave.peak for wave in waves], int)]
-        between = (waves_ns > times_ns[0] - near_ns) & (waves_ns < times_ns[-1] + near_ns)
-        return len(times_ns), int(np.count_nonzero(between)) - len(times_ns)
+        between = waves_ns[(waves_ns > times_ns[0]) & (waves_ns < times_ns[-1])]
+        apart_ns = np.abs(between[:, None] - times_ns).min(axis=1)
+        return len(times_ns), int(np.count_nonzero(apart_ns > near_ns))
 
     def _paused_s(self, seen: Seen, usual_s: float, from_ns: int, end_ns: int) -> float:
         """Time from from_ns to end_ns without a breath that no period holds, in s, less what its breaths take usually.
