@@ -414,3 +414,58 @@ def test_a_pause_at_an_end_of_the_window_is_part_of_it(pause_s, cycle_s, wanes):
     assert max(np.array(above)[sure], default=0.0) < 3.0
     assert pause_s > 12 or wanes or sum(sure) > 20
     assert any("no breath for" in reason for update in updates for reason in update.reasons)
+
+
+@pytest.mark.parametrize("before", [0, 1, 3])
+@pytest.mark.parametrize(("per_min", "paused"), [(12.0, 6), (18.0, 9), (25.0, 9), (25.0, 12)])
+def test_noise_before_a_breath_is_known_is_no_breath(per_min, paused, before):
+    """A slow belt, which shows no noise, begins in a pause or with few breaths: sure rates are those of breaths."""
+    updates = play(of_heights([1.0] * before + [0.0] * paused + [1.0] * 30, per_min)[::3], FS_HZ / 3)
+    sure = [u.breaths_per_min for u in updates if u.signal_quality >= 0.7 and np.isfinite(u.breaths_per_min)]
+    assert len(sure) > 10
+    np.testing.assert_allclose(sure, per_min, atol=0.5)
+
+
+def test_no_period_is_measured_across_what_was_no_breath():
+    """A deep breath, ten that grow from a fiftieth to the whole, ten deep ones: sure rates are those of the breaths."""
+    updates = play(of_heights([1.0, *np.geomspace(0.02, 1.0, 10), *[1.0] * 10], 20.0))
+    sure = [u.breaths_per_min for u in updates if u.signal_quality >= 0.7 and np.isfinite(u.breaths_per_min)]
+    assert len(sure) > 10
+    np.testing.assert_allclose(sure, 20.0, atol=0.5)
+
+
+def speech(seed):
+    """(belt of a speaker, ends of inspirations in s): breaths of 1.7 to 5 s and any height, abrupt ones in."""
+    dice, at_s, chest, tops_s = np.random.default_rng(seed), 0.0, np.zeros(len(TIMES_S)), []
+    while at_s < SECONDS:
+        period_s, height = 1 / dice.uniform(0.2, 0.6), dice.uniform(0.4, 1.6)
+        phase = (TIMES_S - at_s) / period_s
+        rising, falling = -np.cos(np.pi * phase / 0.15), np.cos(np.pi * (phase - 0.15) / 0.85)
+        inside = (phase >= 0) & (phase < 1)
+        chest[inside] = height * (0.5 + 0.5 * np.where(phase < 0.15, rising, falling))[inside]
+        tops_s.append(at_s + 0.15 * period_s)
+        at_s += period_s
+    return chest + dice.normal(0, 0.01, len(chest)), np.array(tops_s)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_speech_has_no_sure_rate_that_lacks_its_small_breaths(seed):
+    """Uneven breaths, of which the lowest are not told: of the updates with a quality of 0.7 none is 2 /min too low."""
+    chest, tops_s = speech(seed)
+    updates = play(chest)[60:]
+    for update in updates:
+        end_s = (update.device_ns - T0_NS) / 1e9
+        inside = tops_s[(tops_s > end_s - 60) & (tops_s <= end_s - 5)]
+        if update.signal_quality >= 0.7 and np.isfinite(update.breaths_per_min):
+            assert update.breaths_per_min > 60 / np.diff(inside).mean() - 2
+    assert any("0.3 of their height" in reason for update in updates for reason in update.reasons)
+
+
+@pytest.mark.parametrize("per_min", [12.0, 15.0])
+def test_a_pause_that_goes_on_is_half_of_what_it_will_be(per_min):
+    """A minute of even breathing, then none: doubted when two breaths and a half are missing, not three or two."""
+    breaths = round(1.2 * per_min)
+    updates = play(of_heights([1.0] * breaths + [0.0] * 6, per_min))
+    doubted_ns = [u.device_ns for u in updates if any("no breath for" in reason for reason in u.reasons)]
+    missing = ((doubted_ns[0] - T0_NS) / 1e9 * per_min / 60) - (breaths - 0.5)
+    assert 2.5 <= missing < 2.5 + 1.2 * per_min / 60

@@ -30,6 +30,7 @@ SHIFTED = 2.7  # spreads of the waves that the level moves by in a shift of post
 LONG, MOSTLY = 1.5, 0.75  # times the usual period where a breath may be missing; share of known periods, else it drifts
 PERIODS = (1.0, 4.0)  # so many fit into the window: quality 0 and 1; that two are alike happens by chance
 SMALL = 0.06  # of the usual breath's rise: less is noise, or the heart; of a breath a tenth as high at 20 /min 0.07
+HIGH = 0.3  # of the usual breath's rise, from which a wave may be one (NeuroKit2, khodadad2018)
 NEAR = 0.25  # share of the usual period by which one of even breathing differs at most
 BOTTOM = 0.1  # of its height: noise in a pause before an inspiration stays below
 STEADY = 3.0  # spreads of a sample: a belt that moves less is not worn
@@ -88,13 +89,24 @@ def with_smaller(raw: Floats, waves: Floats, found: list[Breath]) -> list[Breath
     if not found:
         return []
     level = smoothed(raw, SMOOTH_S)
-    every = _left_by(waves, SMALL * median(_rises(waves, found)))
+    every = _left_by(waves, SMALL * usual_rise(waves, found))
     high = _rises(level, every) >= SMALL * median(_rises(level, found))
     return [breath for breath, is_high in zip(every, high, strict=True) if is_high]
 
 
+def usual_rise(waves: Floats, found: list[Breath]) -> float:
+    """Return how far the inspiration of a usual breath raises the waves, in their unit; NaN of no breath."""
+    return median(_rises(waves, found)) if found else np.nan
+
+
 def _rises(values: Floats, found: list[Breath]) -> Floats:
     return np.array([values[breath.peak] - values[breath.trough] for breath in found])
+
+
+def high(waves: Floats, every: list[Breath], found: list[Breath]) -> list[Breath]:
+    """Return those of every that rise by HIGH of what the breaths that were found usually do."""
+    least = HIGH * usual_rise(waves, found)
+    return [breath for breath in every if waves[breath.peak] - waves[breath.trough] >= least]
 
 
 def evenness(found: list[Breath]) -> float:

@@ -1,5 +1,7 @@
 """The state of breathing from one ECG: the beats of the last minute, and the breaths that were told."""
 
+from typing import NamedTuple
+
 import numpy as np
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
@@ -33,6 +35,14 @@ NEVER = "rrv_rmssd_ms, amplitude, inhale_exhale_ratio: beats do not tell them"
 NO_TIMES = (
     "breath_timestamps: without sinus arrhythmia that QRS complexes confirm beats do not tell when lungs are full"
 )
+
+
+class Shown(NamedTuple):
+    """What a lead shows: beats in a row, the share of the window that they cover, why they say nothing."""
+
+    beats: list[Beat]
+    covered: float
+    problem: str
 
 
 class HeartStream:
@@ -75,46 +85,58 @@ class HeartStream:
         return [self._update(block)] if block.hole is None else []
 
     def _update(self, block: Block) -> RespirationUpdate:
-        window_s = block.window_s(self._config.window_s)
-        leads = [self._shown(lead, block.end_ns, window_s) for lead in self._leads]
-        chosen = next((k for k, (_, _, problem) in enumerate(leads) if not problem), 0)
-        chained, covered, problem = leads[chosen]
+        shown = [self._shown(lead, block) for lead in self._leads]
+        chosen = next((k for k, each in enumerate(shown) if not each.problem), 0)
+        beats, covered, problem = shown[chosen]
         if problem:
             quality = np.nan if problem.startswith("needs") else 0.0
-            return self._nothing(block, window_s, quality, _evidence(np.nan, np.nan), problem)
-        seen = fusion.fused(chained, chained[0].time_ns, chained[-1].time_ns)
-        sure = rise(max(seen.likeness, seen.rhythm), fusion.SURE)
-        quality = rise(covered, COVERED) * fusion.agreement(seen.rates_per_min) * sure * self._leads[chosen].share()
-        quality **= 1 + self._motion.at(block.received_ns, self._config.window_s).strength
+            return self._nothing(block, quality, _evidence(np.nan, np.nan), problem)
+        seen = fusion.fused(beats, beats[0].time_ns, beats[-1].time_ns)
+        quality = self._quality(block, seen, covered, self._leads[chosen].share())
         rate = fusion.told_per_min(seen)
-        problem = self._doubt(seen, rate, chained, quality)
+        problem = self._doubt(seen, rate, beats, quality)
         if problem:
-            return self._nothing(block, window_s, quality, _evidence(seen.likeness, seen.rhythm), problem)
-        names = self._names
-        other = [f"from lead {names[chosen]}: in {names[0]} {leads[0][2]}"] if chosen else []
+            return self._nothing(block, quality, _evidence(seen.likeness, seen.rhythm), problem)
+        return self._said(block, seen, rate, quality, self._other(shown, chosen))
+
+    def _window_s(self, block: Block) -> float:
+        return block.window_s(self._config.window_s)
+
+    def _shown(self, lead: Lead, block: Block) -> Shown:
+        window_s, beats = self._window_s(block), lead.chained(block.end_ns)
+        covered = float(intervals_s(beats).sum()) / max(window_s, 1e-9)
+        return Shown(beats, covered, self._problem(lead, beats, covered, window_s))
+
+    def _other(self, shown: list[Shown], chosen: int) -> list[str]:
+        """Why not the first lead is looked at; empty where it is."""
+        return [f"from lead {self._names[chosen]}: in {self._names[0]} {shown[0].problem}"] if chosen else []
+
+    def _quality(self, block: Block, seen: fusion.Fused, covered: float, filled: float) -> float:
+        """Signal quality, 0..1. covered: share of the window between beats; filled: share of samples that are there."""
+        sure = rise(max(seen.likeness, seen.rhythm), fusion.SURE)
+        quality = rise(covered, COVERED) * fusion.agreement(seen.rates_per_min) * sure * filled
+        return quality ** (1 + self._motion.at(block.received_ns, self._config.window_s).strength)
+
+    def _said(
+        self, block: Block, seen: fusion.Fused, rate_per_min: float, quality: float, other: list[str]
+    ) -> RespirationUpdate:
+        """What is told of waves that are breathing. other: what else is to be said of them."""
         timed = seen.likeness >= fusion.LEAST_ALIKE
-        no_times = [] if timed else [NO_TIMES]
         return RespirationUpdate(
             device_ns=block.device_ns,
             received_ns=block.received_ns,
-            window_s=window_s,
+            window_s=self._window_s(block),
             breath_count=len(seen.breaths),
             breath_timestamps=tuple(self._fresh(seen, block.end_ns)) if timed else (),
-            breaths_per_min=rate,
-            period_s=60 / rate,
+            breaths_per_min=rate_per_min,
+            period_s=60 / rate_per_min,
             rrv_rmssd_ms=np.nan,
             amplitude=np.nan,
             inhale_exhale_ratio=np.nan,
             signal_quality=quality,
             extra=_evidence(seen.likeness, seen.rhythm),
-            reasons=(NEVER, *no_times, *other),
+            reasons=(NEVER, *([] if timed else [NO_TIMES]), *other),
         )
-
-    def _shown(self, lead: Lead, end_ns: int, window_s: float) -> tuple[list[Beat], float, str]:
-        """(beats in a row, share of the window that they cover, why they say nothing) of a lead."""
-        chained = lead.chained(end_ns)
-        covered = float(intervals_s(chained).sum()) / max(window_s, 1e-9)
-        return chained, covered, self._problem(lead, chained, covered, window_s)
 
     def _fresh(self, seen: fusion.Fused, end_ns: int) -> list[int]:
         """Ends of inspiration that are certain now and were not told before.
@@ -164,11 +186,9 @@ class HeartStream:
             return f"signal_quality below {self._config.min_quality:g}"
         return ""
 
-    def _nothing(
-        self, block: Block, window_s: float, quality: float, evidence: tuple[Feature, ...], problem: str
-    ) -> RespirationUpdate:
+    def _nothing(self, block: Block, quality: float, evidence: tuple[Feature, ...], problem: str) -> RespirationUpdate:
         nan = np.nan
-        stamps = block.device_ns, block.received_ns, window_s
+        stamps = block.device_ns, block.received_ns, self._window_s(block)
         return RespirationUpdate(*stamps, -1, (), nan, nan, nan, nan, nan, quality, evidence, (problem,))
 
 

@@ -53,12 +53,49 @@ class Seen(NamedTuple):
 
 
 class Told(NamedTuple):
-    """A breath that was told; begin_ns, end_ns: of its inspiration. broken: no period ends with it."""
+    """A breath that was told; begin_ns, end_ns: of its inspiration. broken: no period ends with it.
+
+    rise: of the waves, in the unit of the stream.
+    """
 
     time_ns: int
     begin_ns: int
     end_ns: int
     broken: bool
+    rise: float
+
+
+class Rate(NamedTuple):
+    """What the breaths that were told say. period_s: the mean of periods_s; both NaN where unknown.
+
+    agrees: the autocorrelation is not sure of another rate.
+    """
+
+    periods_s: Floats
+    period_s: float
+    agrees: bool
+
+
+class Spoilt(NamedTuple):
+    """What lowers the quality, 0..1: time at an end of the range, in movements, how much it steps; features.wander."""
+
+    clipped: float
+    moved: float
+    steps: float
+    wander: float
+
+
+class Numbers(NamedTuple):
+    """What is withheld from a poor signal, named as in RespirationUpdate."""
+
+    breaths_per_min: float
+    period_s: float
+    rrv_rmssd_ms: float
+    amplitude: float
+    inhale_exhale_ratio: float
+
+
+WITHHELD = Numbers(np.nan, np.nan, np.nan, np.nan, np.nan)
 
 
 class RespirationStream:
@@ -142,59 +179,85 @@ class RespirationStream:
         return self._tilt.along(values, round(self._config.window_s * GRID_HZ))
 
     def _update(self, block: Block, settled_s: float) -> RespirationUpdate:
-        window_s = block.window_s(self._config.window_s)
-        start_ns = block.end_ns - round(window_s * SECOND_NS)
+        """What the channel says at the end of a block; breaths older than settled_s are told."""
         absent = not len(self._times_ns) or block.end_ns - self._times_ns[-1] > (BRIDGED_S + 0.5) * SECOND_NS
         newest = len(self._values) if absent else newest_run(self._values[:, 0])
         fresh = self._before(newest)
-        self._told = [breath for breath in self._told if breath.time_ns > start_ns]
+        self._told = [breath for breath in self._told if breath.time_ns > self._start_ns(block)]
         if absent:
-            return self._nothing(block, window_s, fresh, "the channel holds no number")
+            return self._nothing(block, fresh, "the channel holds no number")
         seen = self._look(slice(newest, None))
         problem = self._problem(seen)
-        if problem:
-            if not problem.startswith("needs"):
-                self._told_ns = block.end_ns
-            return self._nothing(block, window_s, fresh, problem)
-        fresh += self._fresh(seen, block.end_ns - round(settled_s * SECOND_NS))
+        if not problem:
+            self._told = self._confirmed(seen)
+            fresh += self._fresh(seen, block.end_ns - round(settled_s * SECOND_NS))
+            return self._said(block, seen, fresh)
+        if not problem.startswith("needs"):
+            self._told_ns = block.end_ns
+        return self._nothing(block, fresh, problem)
+
+    def _window_s(self, block: Block) -> float:
+        return block.window_s(self._config.window_s)
+
+    def _start_ns(self, block: Block) -> int:
+        return block.end_ns - round(self._window_s(block) * SECOND_NS)
+
+    def _said(self, block: Block, seen: Seen, fresh: list[int]) -> RespirationUpdate:
+        """What is told of breaths that are seen: their numbers, where they are good enough."""
+        rate = self._rate(seen)
+        quality, notes = self._judged(block, seen, rate)
+        good = quality >= self._config.min_quality and rate.agrees
+        numbers = self._numbers(seen, rate, self._start_ns(block)) if good else WITHHELD
+        return RespirationUpdate(
+            block.device_ns,
+            block.received_ns,
+            self._window_s(block),
+            len(self._told),
+            tuple(fresh),
+            *numbers,
+            signal_quality=quality,
+            extra=(Feature("autocorrelation_rate", "1/min", (60 / seen.period_s,)),),
+            reasons=(*notes, *self._missing(seen, rate, good)),
+        )
+
+    def _rate(self, seen: Seen) -> Rate:
         periods_s = self._periods_s()
         period_s = float(np.nanmean(periods_s)) if np.isfinite(periods_s).any() else np.nan
-        agree = self._agree(period_s, seen)
-        quality, notes = self._quality(seen, window_s, agree)
+        return Rate(periods_s, period_s, _agree(period_s, seen))
+
+    def _judged(self, block: Block, seen: Seen, rate: Rate) -> tuple[float, list[str]]:
+        """(signal quality 0..1, why it is no higher): of the signal, of movement, of doubts in the rate."""
+        quality, notes = self._quality(seen, self._window_s(block), rate.agrees)
         quality **= 1 + self._motion.at(block.received_ns, self._config.window_s).strength
-        too_short = self._lasting.too_short(quality, block.end_ns, LASTING_BREATHS * period_s)
+        too_short = self._lasting.too_short(quality, block.end_ns, LASTING_BREATHS * rate.period_s)
         if too_short and quality > IN_DOUBT:
             quality = IN_DOUBT
             notes.append(f"signal_quality: above {LASTING_QUALITY:g} for less than {LASTING_BREATHS:g} breaths")
-        for doubt in self._doubts(seen, periods_s, start_ns, block.end_ns):
-            quality = min(quality, IN_DOUBT)
-            notes.append(doubt)
-        good = quality >= self._config.min_quality and agree
+        doubts = self._doubts(seen, rate.periods_s, self._start_ns(block), block.end_ns)
+        return min(quality, IN_DOUBT) if doubts else quality, [*notes, *doubts]
+
+    def _numbers(self, seen: Seen, rate: Rate, start_ns: int) -> Numbers:
+        recent = [breath for breath in seen.breaths if seen.times_ns[breath.peak] > start_ns]
+        return Numbers(
+            breaths_per_min=60 / rate.period_s,
+            period_s=rate.period_s,
+            rrv_rmssd_ms=features.rmssd_ms(rate.periods_s),
+            amplitude=float(np.mean(features.heights(seen.raw, recent))) if recent else np.nan,
+            inhale_exhale_ratio=np.nan if self._tilt else self._inhale_exhale(),
+        )
+
+    def _missing(self, seen: Seen, rate: Rate, good: bool) -> list[str]:
+        """Why numbers are NaN."""
+        notes = []
         if not good:
-            notes.append(self._why_withheld(period_s, seen, agree))
-        elif np.isnan(period_s):
+            notes.append(self._why_withheld(seen, rate))
+        elif np.isnan(rate.period_s):
             notes.append("breaths_per_min, period_s need two breaths")
-        if good and not np.isfinite(features.rmssd_ms(periods_s)):
+        if good and not np.isfinite(features.rmssd_ms(rate.periods_s)):
             notes.append("rrv_rmssd_ms needs four breaths")
         if self._tilt:
             notes.append("inhale_exhale_ratio: an accelerometer does not tell in from out")
-        recent = [breath for breath in seen.breaths if seen.times_ns[breath.peak] > start_ns]
-        amplitude = float(np.mean(features.heights(seen.raw, recent))) if recent else np.nan
-        return RespirationUpdate(
-            device_ns=block.device_ns,
-            received_ns=block.received_ns,
-            window_s=window_s,
-            breath_count=len(self._told),
-            breath_timestamps=tuple(fresh),
-            breaths_per_min=60 / period_s if good else np.nan,
-            period_s=period_s if good else np.nan,
-            rrv_rmssd_ms=features.rmssd_ms(periods_s) if good else np.nan,
-            amplitude=amplitude if good else np.nan,
-            inhale_exhale_ratio=self._inhale_exhale() if good and not self._tilt else np.nan,
-            signal_quality=quality,
-            extra=(Feature("autocorrelation_rate", "1/min", (60 / seen.period_s,)),),
-            reasons=tuple(notes),
-        )
+        return notes
 
     @property
     def _what(self) -> str:
@@ -219,10 +282,24 @@ class RespirationStream:
                 broken = max(int(seen.times_ns[0]), self._told_ns) > before_ns or self._hides(seen, before_ns, breath)
                 ends = features.inspiration(seen.raw, breath)
                 begin_ns, end_ns = (int(seen.times_ns[0]) + round(at * SECOND_NS / GRID_HZ) for at in ends)
-                self._told.append(Told(time_ns, begin_ns, end_ns, broken))
+                rise = float(seen.waves[breath.peak] - seen.waves[breath.trough])
+                self._told.append(Told(time_ns, begin_ns, end_ns, broken, rise))
                 self._told_ns = time_ns
                 fresh.append(time_ns)
         return fresh
+
+    def _confirmed(self, seen: Seen) -> list[Told]:
+        """Breaths that were told, without those that the breaths of the last minute show to have been noise.
+
+        Before the first breath nothing tells how high one is. No period is measured across what was no breath.
+        """
+        least = features.SMALL * features.usual_rise(seen.waves, seen.breaths)
+        is_breath = [not told.rise < least for told in self._told]
+        return [
+            told._replace(broken=told.broken or not after_breath)
+            for told, is_one, after_breath in zip(self._told, is_breath, [True, *is_breath], strict=False)
+            if is_one
+        ]
 
     def _hides(self, seen: Seen, before_ns: int, breath: features.Breath) -> bool:
         """Whether a shift of posture between two breaths hides others, which makes the period far too long."""
@@ -242,9 +319,7 @@ class RespirationStream:
 
     def _doubts(self, seen: Seen, periods_s: Floats, start_ns: int, end_ns: int) -> list[str]:
         """Why the rate may be another one although the belt shows breathing clearly."""
-        doubts, (told, missed) = [], self._missed(seen)
-        if missed >= max(1, MISSED * told):
-            doubts.append(f"{missed} smaller waves between {told} breaths come as evenly and may be breaths too")
+        doubts = self._missed(seen)
         known_s = periods_s[np.isfinite(periods_s)]
         if len(known_s):
             from_ns = max(start_ns, int(seen.times_ns[0]))
@@ -254,15 +329,26 @@ class RespirationStream:
                 doubts.append(f"no breath for {paused_s:.0f} s more than between others: the rate is that of the rest")
         return doubts
 
-    def _missed(self, seen: Seen) -> tuple[int, int]:
-        """(breaths that were told, smaller waves between them that are none and come as evenly)."""
+    def _missed(self, seen: Seen) -> list[str]:
+        """Why waves between the breaths that were told may be breaths too: they come as evenly, or are high enough."""
+        even = seen.every if features.evenness(seen.every) >= features.MOSTLY else []
+        high = features.high(seen.waves, seen.every, seen.breaths)
+        for waves, why in ((even, "come as evenly"), (high, f"are {features.HIGH:g} of their height")):
+            told, missed = self._between(seen, waves)
+            if missed >= max(1, MISSED * told):
+                return [f"{missed} smaller waves between {told} breaths {why} and may be breaths too"]
+        return []
+
+    def _between(self, seen: Seen, waves: list[features.Breath]) -> tuple[int, int]:
+        """(breaths that were told, waves between them that are none)."""
         times_ns = np.array([breath.time_ns for breath in self._told if breath.time_ns >= seen.times_ns[0]], np.int64)
-        if len(times_ns) < 2 or features.evenness(seen.every) < features.MOSTLY:
+        if len(times_ns) < 2:
             return len(times_ns), 0
         near_ns = round(APART_S / 2 * SECOND_NS)
-        every_ns = seen.times_ns[[breath.peak for breath in seen.every]]
-        between = (every_ns > times_ns[0] - near_ns) & (every_ns < times_ns[-1] + near_ns)
-        return len(times_ns), int(np.count_nonzero(between)) - len(times_ns)
+        waves_ns = seen.times_ns[np.array([wave.peak for wave in waves], int)]
+        between = waves_ns[(waves_ns > times_ns[0]) & (waves_ns < times_ns[-1])]
+        apart_ns = np.abs(between[:, None] - times_ns).min(axis=1)
+        return len(times_ns), int(np.count_nonzero(apart_ns > near_ns))
 
     def _paused_s(self, seen: Seen, usual_s: float, from_ns: int, end_ns: int) -> float:
         """Time from from_ns to end_ns without a breath that no period holds, in s, less what its breaths take usually.
@@ -294,40 +380,43 @@ class RespirationStream:
         exhale = sum(after.begin_ns - one.end_ns for one, after in whole)
         return inhale / exhale if exhale else np.nan
 
-    def _agree(self, period_s: float, seen: Seen) -> bool:
-        """False where the autocorrelation is sure of another rate than the peaks."""
-        if not seen.likeness >= SURE or np.isnan(period_s):
-            return True
-        return abs(seen.period_s / period_s - 1) <= AGREE
-
     def _quality(self, seen: Seen, window_s: float, agree: bool) -> tuple[float, list[str]]:
         """(signal quality 0..1, what lowers it)."""
         shown = round(self._config.window_s * GRID_HZ)
-        raw, waves = seen.raw[-shown:], seen.waves[-shown:]
-        clipped = features.clipped(raw, self._info.range_min, self._info.range_max)
-        moved = features.outlying(waves)
-        notes = []
-        if clipped > 0.003:
-            notes.append(f"{self._what} at an end of its range for {100 * clipped:.1f} % of the window")
-        if moved > 0.02:
-            notes.append(f"movements or speech: {100 * moved:.0f} % of the window is no usual breath")
-        steps = features.rise(features.abruptness(raw, waves), features.ABRUPT)
-        if steps > 0.3:
-            notes.append(f"{self._what} steps from level to level: no chest moves so abruptly")
-        wander = features.wander(raw, seen.period_s)
-        if wander > features.WANDERS_TOLD:
-            notes.append(f"{self._what} wanders from breath to breath as far as a breath is high: drift, or none")
+        raw, spoilt = seen.raw[-shown:], self._spoilt(seen, shown)
         filled = min(1.0, len(raw) / max(1.0, window_s * GRID_HZ - 2), self._presence.share())
         quality = float(np.interp(features.clean_share(raw, seen.spread), *features.CLEAN))
-        quality *= features.rhythm(raw, seen.likeness) * (1 - steps)
-        quality *= filled * (1 - clipped) ** 2 * (1 - min(1.0, moved / features.OUTLYING_MOST))
-        quality *= float(np.interp(wander, *features.WANDERS)) * features.repeats(raw, seen.period_s)
-        return quality * (1.0 if agree else 0.5), notes
+        quality *= features.rhythm(raw, seen.likeness) * (1 - spoilt.steps)
+        quality *= filled * (1 - spoilt.clipped) ** 2 * (1 - min(1.0, spoilt.moved / features.OUTLYING_MOST))
+        quality *= float(np.interp(spoilt.wander, *features.WANDERS)) * features.repeats(raw, seen.period_s)
+        return quality * (1.0 if agree else 0.5), self._why_spoilt(spoilt)
 
-    def _why_withheld(self, period_s: float, seen: Seen, agree: bool) -> str:
-        if agree:
+    def _spoilt(self, seen: Seen, shown: int) -> Spoilt:
+        """What spoils the newest points, as many as are shown."""
+        raw, waves = seen.raw[-shown:], seen.waves[-shown:]
+        return Spoilt(
+            clipped=features.clipped(raw, self._info.range_min, self._info.range_max),
+            moved=features.outlying(waves),
+            steps=features.rise(features.abruptness(raw, waves), features.ABRUPT),
+            wander=features.wander(raw, seen.period_s),
+        )
+
+    def _why_spoilt(self, spoilt: Spoilt) -> list[str]:
+        notes = []
+        if spoilt.clipped > 0.003:
+            notes.append(f"{self._what} at an end of its range for {100 * spoilt.clipped:.1f} % of the window")
+        if spoilt.moved > 0.02:
+            notes.append(f"movements or speech: {100 * spoilt.moved:.0f} % of the window is no usual breath")
+        if spoilt.steps > 0.3:
+            notes.append(f"{self._what} steps from level to level: no chest moves so abruptly")
+        if spoilt.wander > features.WANDERS_TOLD:
+            notes.append(f"{self._what} wanders from breath to breath as far as a breath is high: drift, or none")
+        return notes
+
+    def _why_withheld(self, seen: Seen, rate: Rate) -> str:
+        if rate.agrees:
             return f"signal_quality below {self._config.min_quality:g}: all but times and count of breaths withheld"
-        both = f"{60 / period_s:.1f} /min by peaks and {60 / seen.period_s:.1f} /min by autocorrelation"
+        both = f"{60 / rate.period_s:.1f} /min by peaks and {60 / seen.period_s:.1f} /min by autocorrelation"
         return f"{both} disagree: all but times and count of breaths withheld"
 
     def _problem(self, seen: Seen) -> str:
@@ -348,13 +437,20 @@ class RespirationStream:
             return f"{self._what} not worn, lifted or saturated: nothing but noise moves it"
         return ""
 
-    def _nothing(self, block: Block, window_s: float, fresh: list[int], problem: str) -> RespirationUpdate:
+    def _nothing(self, block: Block, fresh: list[int], problem: str) -> RespirationUpdate:
         nan, warming = np.nan, problem.startswith("needs")
-        stamps = block.device_ns, block.received_ns, window_s
+        stamps = block.device_ns, block.received_ns, self._window_s(block)
         extra = (Feature("autocorrelation_rate", "1/min", (nan,)),)
         quality = nan if warming else 0.0
         self._lasting.too_short(quality, block.end_ns, 0.0)  # what comes after it has to last
-        return RespirationUpdate(*stamps, -1, tuple(fresh), nan, nan, nan, nan, nan, quality, extra, (problem,))
+        return RespirationUpdate(*stamps, -1, tuple(fresh), *WITHHELD, quality, extra, (problem,))
+
+
+def _agree(period_s: float, seen: Seen) -> bool:
+    """False where the autocorrelation is sure of another rate than the peaks."""
+    if not seen.likeness >= SURE or np.isnan(period_s):
+        return True
+    return abs(seen.period_s / period_s - 1) <= AGREE
 
 
 def _axes(info: StreamInfo) -> list[int]:
