@@ -440,6 +440,56 @@ def test_t_wave_nearly_as_sharp_as_the_qrs_complex_is_no_confident_beat(height, 
     assert any(reason.startswith("signal_quality: what follows the beats") for reason in updates[-1].reasons)
 
 
+@pytest.mark.parametrize("qrs_s", [0.016, 0.02, 0.025])
+@pytest.mark.parametrize(("height", "at_s", "rate_bpm"), [(0.7, 0.32, 75), (1.5, 0.38, 60), (-1.5, 0.44, 50)])
+def test_t_wave_as_sharp_as_a_wide_qrs_complex_is_no_confident_beat(qrs_s, height, at_s, rate_bpm) -> None:
+    """T waves of 47 ms after QRS complexes as wide: they come sooner than the beat after, and no T wave follows."""
+    ecg, _ = with_t_waves(height, at_s, 0.02, rate_bpm, 250.0, qrs_s=qrs_s, seconds=30)
+    updates = play(ecg, 250.0)
+    assert not confident_rates(updates[12:]).size
+    assert any(reason.startswith("signal_quality: what follows the beats") for reason in updates[-1].reasons)
+
+
+def early_narrow(coupling_s, t_wave, seconds=45):
+    """Every other beat is an atrial one, at that time after the sinus node's: as narrow, with a T wave of its own."""
+    sinus_s = 0.5 + np.append(0.0, np.cumsum(ecg_arrhythmias.sinus(85, seconds, depth=0.04)))[::2]
+    beats_s, t_s = np.sort(np.append(sinus_s, sinus_s + coupling_s)), np.arange(round(seconds * FS_HZ)) / FS_HZ
+    ecg = np.random.default_rng(1).normal(0, 10, len(t_s))
+    for beat in beats_s:
+        ecg += trials.R_UV * trials.heartbeat(t_s - beat, t_wave=t_wave)
+    return ecg, trials.Rhythm(beats_s, np.ones(len(beats_s), bool))
+
+
+@pytest.mark.parametrize("coupling_s", [0.4, 0.46])
+@pytest.mark.parametrize("t_wave", [0.12, 0.25])
+def test_atrial_bigeminy_is_no_tall_t_wave(coupling_s: float, t_wave: float) -> None:
+    """Narrow beats that come early, in turn with others, have T waves: the rate is told, and with confidence."""
+    ecg, rhythm = early_narrow(coupling_s, t_wave)
+    updates = play(ecg)
+    assert bench_ecg_truth.rate_error(updates, rhythm) < 5
+    assert len(confident_rates(updates[12:])) == len(updates[12:])
+
+
+def alternans(rate_bpm, share, fs_hz=FS_HZ, seconds=30):
+    """A fast heart of which every other beat has that share of the height of the others."""
+    rhythm, t_s = trials.regular(rate_bpm, seconds), np.arange(round(seconds * fs_hz)) / fs_hz
+    ecg = np.random.default_rng(1).normal(0, 10, len(t_s))
+    for i, beat in enumerate(rhythm.beats_s):
+        beat_uv = trials.R_UV * (share if i % 2 else 1.0)
+        ecg += beat_uv * trials.heartbeat(t_s - beat, t_wave=0.0, p_wave=0.0)
+        ecg += 0.15 * beat_uv * np.exp(-0.5 * ((t_s - beat - 36 / rate_bpm) / 0.03) ** 2)
+    return ecg, rhythm
+
+
+@pytest.mark.parametrize("rate_bpm", [180, 200, 220, 240])
+@pytest.mark.parametrize("share", [0.35, 0.5, 0.6])
+def test_every_other_beat_of_a_fast_heart_lower_is_no_confident_half(rate_bpm: int, share: float) -> None:
+    """Low beats are as sharp as the others, as no T wave is: counted, or the rate is in doubt."""
+    for fs_hz in (FS_HZ, 250.0):
+        ecg, rhythm = alternans(rate_bpm, share, fs_hz)
+        assert bench_ecg_truth.rate_error(play(ecg, fs_hz), rhythm) < 5
+
+
 def pairs_at(rate_bpm, coupling_s, t_wave, seconds=45):
     """A breathing heart in which a ventricular beat follows every sinus beat, and stops the next one."""
     sinus_s = 0.5 + np.append(0.0, np.cumsum(ecg_arrhythmias.sinus(rate_bpm, seconds, depth=0.04)))[::2]

@@ -257,12 +257,13 @@ def _squared_steps(ecg: Floats) -> Floats:
     return np.asarray((ecg[1:] - ecg[:-1]) ** 2)
 
 
-def slow_wave(ecg: Floats, middle: int, fs_hz: float, until_s: float) -> tuple[float, float]:
+def slow_wave(ecg: Floats, middle: int, fs_hz: float, until_s: float) -> tuple[float, float, float]:
     """Where the wave round index `middle` has its top, in s after it, and its own T wave as a share of it.
 
-    A wide ventricular beat has a T wave of its own, against its QRS complex; a T wave has none. until_s: after the
-    middle, where the next beat's P wave may begin; 0 where that leaves nothing to look at. Both as a wavelet (Ricker's)
-    has them, so wander does not count. A broad wave has a side lobe then, which only falls so long after it.
+    A wide ventricular beat has a T wave of its own, against its QRS complex, a narrow one mostly in its direction (the
+    third value); a T wave has none. until_s: after the middle, where the next beat's P wave may begin; 0 where that
+    leaves nothing to look at. All as a wavelet (Ricker's) has them, so wander does not count. A broad wave has a side
+    lobe then, which only falls so long after it.
     """
     wavelet = _slow_wavelet(fs_hz)
     grid_s = np.arange(round((2 * TOP_S + OWN_T_WAVE_S[1]) * WAVES_FS_HZ) + 1) / WAVES_FS_HZ - TOP_S
@@ -272,8 +273,13 @@ def slow_wave(ecg: Floats, middle: int, fs_hz: float, until_s: float) -> tuple[f
     after_s = grid_s - grid_s[top]
     window = (after_s >= OWN_T_WAVE_S[0]) & (after_s <= OWN_T_WAVE_S[1]) & (grid_s <= until_s)
     answers = -waves / (waves[top] or np.inf)
-    rising = window[1:] & (answers[1:] > answers[:-1])
-    return float(grid_s[top]), max(float(answers[1:][rising].max(initial=0.0)), 0.0)
+    return float(grid_s[top]), _highest_rising(answers, window), _highest_rising(-answers, window)
+
+
+def _highest_rising(values: Floats, window: NDArray[np.bool_]) -> float:
+    """The largest in the window that is larger than the one before it; 0 without one above that."""
+    rising = window[1:] & (values[1:] > values[:-1])
+    return float(values[1:][rising].max(initial=0.0))
 
 
 @lru_cache(maxsize=8)

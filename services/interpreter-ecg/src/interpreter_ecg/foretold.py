@@ -94,16 +94,20 @@ def unforeseen(rr_ms: Floats, linked: Bools, left_out: Bools) -> Bools:
     if np.count_nonzero(known) < FEWEST_FORETOLD:
         return left_out
     middle_ms = median(rr_ms)
-    usual_ms, longer_ms, short = usual(rr_ms), rr_ms[1:] - rr_ms[:-1], np.zeros(len(rr_ms), bool)
-    short[1:-1] = np.minimum(-longer_ms[:-1], longer_ms[1:]) > LEAST_EARLY * usual_ms[1:-1]
-    without_ms = np.where(either_side(short & linked, linked), usual_ms, rr_ms)
     dip = ~linked
-    dip[1:] |= longer_ms < -DIP * middle_ms
-    for begin_ms in (without_ms, rr_ms):
+    dip[1:] |= rr_ms[1:] - rr_ms[:-1] < -DIP * middle_ms
+    for begin_ms in (_without_short(rr_ms, linked), rr_ms):
         early = _early(rr_ms / middle_ms - 1, begin_ms / middle_ms - 1, linked, known, dip)
         if early.mean() <= MANY:
             break
     return left_out | either_side(early, linked)
+
+
+def _without_short(rr_ms: Floats, linked: Bools) -> Floats:
+    """The intervals, with the usual length round beats that end one clearly shorter than those beside it."""
+    usual_ms, longer_ms, short = usual(rr_ms), rr_ms[1:] - rr_ms[:-1], np.zeros(len(rr_ms), bool)
+    short[1:-1] = np.minimum(-longer_ms[:-1], longer_ms[1:]) > LEAST_EARLY * usual_ms[1:-1]
+    return np.where(either_side(short & linked, linked), usual_ms, rr_ms)
 
 
 def _early(length: Floats, begin: Floats, linked: Bools, known: Bools, dip: Bools) -> Bools:

@@ -10,6 +10,7 @@ REFRACTORY_S = 0.2
 T_WAVE_S = 0.36  # up to here, or 60 % of the usual interval, what follows a beat may be its T wave
 SOONEST_T_WAVE_S, LATEST_T_WAVE_S = 0.25, 0.5  # its top, after a beat
 LESS_SHARP = 1.2  # times than the beat before: what follows may be a T wave. 19 of 20 beats reach 1.12 (101, 123)
+IN_TURN = 1.05  # times longer than the time to a T wave the interval before is: breathing is no such in every other one
 AFTERSHOCK_S = 0.4
 LEARNING_S = 4.0
 LOST_S, LOST_INTERVALS = 2.0, 2.2  # without a beat for so long the level of beats begins to be forgotten
@@ -57,6 +58,7 @@ class Wave(NamedTuple):
 
     top_s: float  # after the middle of its QRS energy
     own_t_wave: float  # how large the wave in the other direction is that follows, as a share of it
+    like_t_wave: float  # the same of the wave in its own direction
 
 
 class Candidate(NamedTuple):
@@ -107,10 +109,12 @@ class Levels:
         self._p_waves: deque[tuple[float, float]] = deque(maxlen=2 * BEATS)  # (time, s to what follows) of what may be
         self._last_s: float | None = None  # the last beat, unless a gap came after it
         self._seen_s: float | None = None  # the last beat in any case
+        self._interval_s = 0.0  # that the last beat ended, 0 after a gap
         self._blunt: deque[tuple[float, float]] = deque(maxlen=2 * BEATS)  # the same of what may be T waves
         self._dull: deque[tuple[float, float]] = deque(maxlen=2 * BEATS)  # of what may be T waves, nearly as sharp
         self._large: deque[tuple[float, float]] = deque(maxlen=2 * BEATS)  # of T waves that may be ventricular beats
         self._wide: deque[tuple[float, float]] = deque(maxlen=2 * BEATS)  # of those with a T wave of their own
+        self._low: deque[tuple[float, float]] = deque(maxlen=2 * BEATS)  # of those that are as sharp as beats
         self._beats_s: deque[float] = deque(maxlen=4 * BEATS)  # when the last beats were
         self._last_energy = self._t_wave = self._t_sharp = self._largest_rejected = self._last_sharpness = 0.0
         self.complete = False
@@ -132,6 +136,7 @@ class Levels:
         usual = self._threshold(level, now.share, 0.5)
         threshold = self._least_energy(candidate, now, usual)
         if self._is_p_wave(candidate) and candidate.energy > threshold:
+            self._passed_over |= self._is_sharp_beat(candidate, now.elapsed_s)
             return False
         blunt = self._is_blunt(candidate, now, min(threshold, max(usual, ABOVE_AFTERSHOCK * self._last_energy)))
         if candidate.energy > threshold and not blunt and not _is_forerunner(candidate):
@@ -169,6 +174,7 @@ class Levels:
         """Learn of what is no beat: a T wave, or noise."""
         self._passed_over |= blunt or (now.early and self._is_large_t_wave(candidate, now.elapsed_s))
         self._passed_over |= self._is_wide_beat(candidate, now.elapsed_s)
+        self._passed_over |= self._is_sharp_beat(candidate, now.elapsed_s)
         if now.early or blunt:
             self._t_wave = max(self._t_wave, candidate.energy)
             self._t_sharp = max(self._t_sharp, candidate.sharpness)
@@ -232,13 +238,19 @@ class Levels:
         return self._follows_most(self._blunt, candidate.time_s, after_s)
 
     def _is_hardly_sharp(self, candidate: Candidate, elapsed_s: float) -> bool:
-        """Whether it is less sharp than the beat before, has no T wave of its own, and follows most beats there."""
+        """Whether it has no T wave of its own and follows most beats there, being less sharp or out of their rhythm."""
         after_s = elapsed_s + candidate.wave.top_s
+        if not SOONEST_T_WAVE_S < after_s < LATEST_T_WAVE_S or candidate.wave.own_t_wave >= OWN_T_WAVE:
+            return False
         sharp = candidate.edge * LESS_SHARP > self._last_sharpness
-        if sharp or not SOONEST_T_WAVE_S < after_s < LATEST_T_WAVE_S or candidate.wave.own_t_wave >= OWN_T_WAVE:
+        if sharp and not self._is_out_of_rhythm(candidate, elapsed_s):
             return False
         self._dull.append((candidate.time_s, after_s))
         return self._follows_most(self._dull, candidate.time_s, after_s)
+
+    def _is_out_of_rhythm(self, candidate: Candidate, elapsed_s: float) -> bool:
+        """Whether it comes sooner than the beat before did, and has no T wave at all, as an early narrow beat has."""
+        return self._interval_s > IN_TURN * elapsed_s and candidate.wave.like_t_wave < OWN_T_WAVE
 
     def _is_large_t_wave(self, candidate: Candidate, elapsed_s: float) -> bool:
         """Whether what was passed over is so large that most beats may be followed by a wide one, not by a T wave."""
@@ -255,6 +267,15 @@ class Levels:
             return False
         self._wide.append((candidate.time_s, elapsed_s))
         return self._alike(self._wide, candidate.time_s, elapsed_s) >= P_WAVES
+
+    def _is_sharp_beat(self, candidate: Candidate, elapsed_s: float) -> bool:
+        """Whether what was passed over is as sharp as the beat before, as the third at that distance: no T wave is."""
+        if elapsed_s >= LATEST_T_WAVE_S or candidate.energy < PREMATURE * self._last_energy:
+            return False
+        if not AS_SHARP[0] * self._last_sharpness < candidate.edge < AS_SHARP[1] * self._last_sharpness:
+            return False
+        self._low.append((candidate.time_s, elapsed_s))
+        return self._alike(self._low, candidate.time_s, elapsed_s) >= P_WAVES
 
     def _follows_most(self, such: Collection[tuple[float, float]], time_s: float, elapsed_s: float) -> bool:
         """Whether nearly half of the beats told lately were followed by such, (time, s after), at that distance."""
@@ -302,6 +323,7 @@ class Levels:
         self.doubtful, self._passed_over = self._passed_over, False
         self._beats.append(candidate.energy)
         self._beats_s.append(candidate.time_s)
+        self._interval_s = now.elapsed_s if self._last_s is not None else 0.0
         self._last_s = self._seen_s = candidate.time_s
         self._last_energy, self._last_sharpness = candidate.energy, candidate.edge
         self._sharpnesses.append(candidate.edge)

@@ -191,18 +191,26 @@ class EcgStream:
         known = [interval for interval in self._window if interval.known]
         usual = usual_ms(known)
         self._usual_ms = self._usual_ms if np.isnan(usual) else usual
-        quality, newest = self._likeness()
-        poor = quality < self._config.hrv_min_quality
+        likeness, newest = self._likeness()
+        self._file_for_variability(intervals, poor=likeness < self._config.hrv_min_quality)
+        silent = np.isnan(likeness) and self._window_s(block) >= SILENT_S
+        self._quality = 0.0 if silent else self._rated(min(likeness, newest), known, block)
+
+    def _file_for_variability(self, intervals: list[Interval], poor: bool) -> None:
+        """Intervals of a poor signal count as unknown."""
         for interval in intervals:
             beat, rr_ms = interval.beat, np.nan if poor else interval.rr_ms
             self._hrv.add(beat.time_ns, rr_ms, beat.complete, interval.normal, interval.unlike)
             if interval.normal and np.isfinite(rr_ms):
                 self._jitters.add(beat.time_ns, beat.jitter_s)
-        silent = np.isnan(quality) and self._window_s(block) >= SILENT_S
+
+    def _rated(self, likeness: float, known: list[Interval], block: Block) -> float:
+        """The quality of the window: how alike its beats are, how sure its rate is, less by motion and by doubts."""
+        start_ns = self._start_ns(block)
         sure = known_share(known, self._window) * agreement(known, self._window, start_ns)
         doubts = 1 + self._motion.at(block.received_ns, self._config.window_s).strength
         best = DOUBTFUL if self._doubtful() or self._angular() else 1.0
-        self._quality = 0.0 if silent else min((min(quality, newest) * sure) ** doubts, best)
+        return min((likeness * sure) ** doubts, best)
 
     def _doubtful(self) -> bool:
         """Whether something that would have been a beat of the window was taken for a T wave."""
@@ -270,38 +278,14 @@ class EcgStream:
         return min((block.end_ns - self._first_ns) / SECOND_NS, self._config.window_s)
 
     def _update(self, block: Block) -> EcgUpdate:
-        fresh, self._fresh = self._fresh, []
-        hrv, reasons, ectopic_percent = self._variability(block.end_ns)
-        notes = []
+        """What is told now: of the beats since the last update, of the window, and of the span of variability."""
         if not self._alive:
             self._quality = 0.0
-            silent_s = (block.end_ns - self._alive_ns) / SECOND_NS
-            notes.append(f"no signal: the value has not changed for {silent_s:.1f} s")
-        if self._quality < self._config.hrv_min_quality and not ectopic_percent > MOST_ECTOPIC_PERCENT:
-            hrv = withheld(hrv)
-            reasons = (f"hrv withheld: signal_quality below {self._config.hrv_min_quality:g}",)
-        if np.isnan(self._quality):
-            notes.append("signal_quality, rr_interval_ms need three beats")
-        if self._doubtful():
-            notes.append("signal_quality: what follows the beats may be tall T waves or ventricular beats")
-        if self._angular():
-            notes.append("signal_quality: the beats come and go within one sample, as pops do")
-        trusted = self._quality >= self._config.min_quality
-        valid = [interval for interval in self._window if trusted and interval.known]
-        rate = rate_bpm(valid, self._start_ns(block))
-        if self._quality < self._config.min_quality:
-            notes.append(f"heart_rate_bpm, rr_interval_ms withheld: signal_quality below {self._config.min_quality:g}")
-        elif np.isnan(rate):
-            notes.append(f"heart_rate_bpm needs {FEWEST_INTERVALS} intervals")
-        if trusted and not valid:
-            notes.append("rr_interval_ms: no interval in the window")
+        hrv, hrv_reasons, ectopic_percent = self._sure_variability(block.end_ns)
+        trusted = self._trusted()
+        rate = rate_bpm(trusted, self._start_ns(block))
         difference = rate - self._device_rate(block.received_ns)
-        if np.isnan(difference):
-            notes.append("device_heart_rate_difference_bpm: no heart rate of the device to compare with")
-        if not self._calibrated:
-            notes.append("uncalibrated: r_amplitude needs the unit uV")
-        heights = [abs(interval.beat.height) for interval in self._window]
-        height_uv = median(heights) if heights and self._calibrated else np.nan
+        fresh, self._fresh = self._fresh, []
         return EcgUpdate(
             device_ns=block.device_ns,
             received_ns=block.received_ns,
@@ -309,16 +293,64 @@ class EcgStream:
             peak_count=len(self._window),
             peak_timestamps=tuple(interval.beat.time_ns for interval in fresh),
             rr_intervals_ms=tuple(interval.rr_ms for interval in fresh),
-            rr_interval_ms=valid[-1].rr_ms if valid else np.nan,
+            rr_interval_ms=trusted[-1].rr_ms if trusted else np.nan,
             heart_rate_bpm=rate,
             hrv=hrv,
             device_heart_rate_difference_bpm=difference,
             signal_quality=self._quality,
-            extra=(
-                Feature("r_amplitude", "uV", (height_uv,)),
-                Feature("ectopic_percent", "%", (ectopic_percent,)),
-            ),
-            reasons=(*notes, *reasons),
+            extra=self._extra(ectopic_percent),
+            reasons=(*self._why_doubtful(block), *self._why_nan(trusted, rate, difference), *hrv_reasons),
+        )
+
+    def _sure_variability(self, end_ns: int) -> tuple[Hrv, tuple[str, ...], float]:
+        """`_variability`, withheld while the quality is too low for it."""
+        hrv, reasons, ectopic_percent = self._variability(end_ns)
+        least = self._config.hrv_min_quality
+        if self._quality < least and not ectopic_percent > MOST_ECTOPIC_PERCENT:
+            return withheld(hrv), (f"hrv withheld: signal_quality below {least:g}",), ectopic_percent
+        return hrv, reasons, ectopic_percent
+
+    def _trusted(self) -> list[Interval]:
+        """The intervals of the window that a rate may hang on; none while the quality is too low or not known."""
+        if not self._quality >= self._config.min_quality:
+            return []
+        return [interval for interval in self._window if interval.known]
+
+    def _why_doubtful(self, block: Block) -> list[str]:
+        """Why the quality is low or not known."""
+        doubts = []
+        if not self._alive:
+            silent_s = (block.end_ns - self._alive_ns) / SECOND_NS
+            doubts.append(f"no signal: the value has not changed for {silent_s:.1f} s")
+        if np.isnan(self._quality):
+            doubts.append("signal_quality, rr_interval_ms need three beats")
+        if self._doubtful():
+            doubts.append("signal_quality: what follows the beats may be tall T waves or ventricular beats")
+        if self._angular():
+            doubts.append("signal_quality: the beats come and go within one sample, as pops do")
+        return doubts
+
+    def _why_nan(self, trusted: list[Interval], rate: float, difference: float) -> list[str]:
+        """Why values other than the quality and variability are NaN."""
+        missing, least = [], self._config.min_quality
+        if self._quality < least:
+            missing.append(f"heart_rate_bpm, rr_interval_ms withheld: signal_quality below {least:g}")
+        elif np.isnan(rate):
+            missing.append(f"heart_rate_bpm needs {FEWEST_INTERVALS} intervals")
+        if self._quality >= least and not trusted:
+            missing.append("rr_interval_ms: no interval in the window")
+        if np.isnan(difference):
+            missing.append("device_heart_rate_difference_bpm: no heart rate of the device to compare with")
+        if not self._calibrated:
+            missing.append("uncalibrated: r_amplitude needs the unit uV")
+        return missing
+
+    def _extra(self, ectopic_percent: float) -> tuple[Feature, ...]:
+        heights = [abs(interval.beat.height) for interval in self._window]
+        height_uv = median(heights) if heights and self._calibrated else np.nan
+        return (
+            Feature("r_amplitude", "uV", (height_uv,)),
+            Feature("ectopic_percent", "%", (ectopic_percent,)),
         )
 
     def _device_rate(self, received_ns: int) -> float:
