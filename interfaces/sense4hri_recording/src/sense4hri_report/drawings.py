@@ -7,6 +7,7 @@ from collections import defaultdict
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from sense4hri.modalities import colour_of
 
 from sense4hri_report import svg
@@ -14,6 +15,7 @@ from sense4hri_report.bins import Values
 from sense4hri_report.collect import Findings, StreamFindings
 from sense4hri_report.rules import duration
 from sense4hri_report.svg import LEFT, RIGHT, WIDTH, TimeScale
+from sense4hri_report.watch import ClockWatch
 
 Json = dict[str, Any]
 ROW, BAR, LANES = 26, 13, 3
@@ -192,39 +194,49 @@ def _add_curve(parts: list[str], y: float, name: str, values: Values, top: float
 
 
 def _clock_lanes(stream: StreamFindings, scale: TimeScale, y: float) -> tuple[str, float]:
+    """Return the lanes of the clock models' offset and its uncertainty, and where the next lane begins."""
     clock = stream.clock
     if clock is None or not clock.messages:
         return "", y
     parts = []
-    columns = len(clock.uncertainty_s.count)
-    residual = np.full(columns, np.nan)
-    for segment in {point[0] for point in clock.points.values()}:
-        at = np.array([column for column, point in clock.points.items() if point[0] == segment])
-        times = np.array([clock.points[c][1] for c in at.tolist()], float)
-        offsets = np.array([clock.points[c][2] - clock.points[int(at[0])][2] for c in at.tolist()], float)
-        residual[at] = offsets * 1e-6
-        if len(at) > 2 and np.ptp(times) > 0:
-            centred = times - times.mean()
-            residual[at] -= np.polyval(np.polyfit(centred * 1e-9, residual[at], 1), centred * 1e-9)
-        else:
-            residual[at] -= residual[at].mean()
-    known = residual[np.isfinite(residual)]
+    residual_ms = _without_drift(clock)
+    known = residual_ms[np.isfinite(residual_ms)]
     if len(known) > 2:
         most = max(2 * float(np.percentile(np.abs(known), 90)), 0.05)  # the warm-up may leave the picture
-        drawn = svg.curve(residual, residual, residual, y, SMALL, -most, most)
+        drawn = svg.curve(residual_ms, residual_ms, residual_ms, y, SMALL, -most, most)
         parts.append(_lane(y, SMALL, "clock offset less drift", f"+{most:.2g} ms", f"−{most:.2g} ms", drawn))
         y += SMALL + 4
-    values = clock.uncertainty_s
-    if values.count.any():
-        most = max(2 * values.median() * 1e3, 0.1)
-        drawn = svg.curve(values.low * 1e3, values.mean * 1e3, values.high * 1e3, y, SMALL, 0.0, most)
-        segments = "".join(
-            svg.upright(scale.x(at_ns), y, y + SMALL, "step", f"clock segment {segment}")
-            for at_ns, segment in clock.segments[1:200]
-        )
-        parts.append(_lane(y, SMALL, "clock uncertainty", f"{most:.2g} ms", "0", drawn + segments))
+    if clock.uncertainty_s.count.any():
+        parts.append(_uncertainty_lane(clock, scale, y))
         y += SMALL + 4
     return "".join(parts), y
+
+
+def _without_drift(clock: ClockWatch) -> NDArray[np.float64]:
+    """Return the offset in ms, less the line through that of each segment; one per column, NaN where none is known."""
+    residual_ms = np.full(len(clock.uncertainty_s.count), np.nan)
+    for segment in {point[0] for point in clock.points.values()}:
+        at = np.array([column for column, point in clock.points.items() if point[0] == segment])
+        times_ns = np.array([clock.points[c][1] for c in at.tolist()], float)
+        offsets_ns = np.array([clock.points[c][2] - clock.points[int(at[0])][2] for c in at.tolist()], float)
+        residual_ms[at] = offsets_ns * 1e-6
+        if len(at) > 2 and np.ptp(times_ns) > 0:
+            centred = times_ns - times_ns.mean()
+            residual_ms[at] -= np.polyval(np.polyfit(centred * 1e-9, residual_ms[at], 1), centred * 1e-9)
+        else:
+            residual_ms[at] -= residual_ms[at].mean()
+    return residual_ms
+
+
+def _uncertainty_lane(clock: ClockWatch, scale: TimeScale, y: float) -> str:
+    values = clock.uncertainty_s
+    most = max(2 * values.median() * 1e3, 0.1)
+    drawn = svg.curve(values.low * 1e3, values.mean * 1e3, values.high * 1e3, y, SMALL, 0.0, most)
+    segments = "".join(
+        svg.upright(scale.x(at_ns), y, y + SMALL, "step", f"clock segment {segment}")
+        for at_ns, segment in clock.segments[1:200]
+    )
+    return _lane(y, SMALL, "clock uncertainty", f"{most:.2g} ms", "0", drawn + segments)
 
 
 def _lane(y: float, height: float, name: str, high: str, low: str, drawn: str) -> str:

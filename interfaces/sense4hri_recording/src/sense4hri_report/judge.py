@@ -79,35 +79,43 @@ def _judge_recorded(
 def topic_entry(found: Findings, topic: str, window: Window, required: str) -> tuple[Json, Judgement]:
     """A topic that is no raw stream: one that was required, or lies under the streams' names and is none."""
     judgement = Judgement()
-    seen = found.source.topics[topic]
+    seen, rhythm = found.source.topics[topic], found.rhythms[topic]
     _judge_strange(seen, judgement)
-    rhythm = found.rhythms[topic]
     transport = transport_entry(found, topic, window)
-    span_s = max(seen.last_log_ns - seen.first_log_ns, 0) * 1e-9
-    rate_hz = (seen.messages - 1) / span_s if span_s > 0 else None
+    rate_hz, silent_s = _rate_hz(seen), _without_steps(found, rhythm) * 1e-9
     entry: Json = {"stream": topic, "topic": topic, "required": required, "kind": "topic", "type": seen.type_name}
     entry |= {"messages": seen.messages, "measured_hz": rounded(rate_hz), "time_from": "receipt by the recorder"}
     entry |= {"first": window.at(seen.first_log_ns), "last": window.at(seen.last_log_ns)}
-    silent_s = _without_steps(found, rhythm) * 1e-9
     entry["longest_silence"] = window.at(rhythm.silent_ns) | {"duration_s": round(silent_s, 3)}
-    if seen.messages and (seen.last_log_ns < window.from_ns or seen.first_log_ns > window.to_ns) and seen.messages > 1:
+    if seen.messages > 1 and (seen.last_log_ns < window.from_ns or seen.first_log_ns > window.to_ns):
         judgement.broken("no message came in the session")
-    late_s = (seen.first_log_ns - window.from_ns) * 1e-9
     if rate_hz:
         limit_s = max(rules.SILENCE_S, rules.SILENCE_INTERVALS / rate_hz)
         if silent_s > limit_s and seen.messages > rules.SILENCE_INTERVALS:
             judgement.gaps(f"silent for {duration(silent_s)}, {at(rhythm.silent_ns, window)}")
-        if window.begins and late_s > limit_s:
-            judgement.gaps(f"its first message came {duration(late_s)} after the start")
-        early_s = (window.to_ns - seen.last_log_ns) * 1e-9
-        if window.ends and early_s > limit_s and seen.messages > rules.SILENCE_INTERVALS:
-            judgement.gaps(f"its last message came {duration(early_s)} before the stop")
+        _judge_ends(seen, window, limit_s, judgement)
     undecodable = found.undecodable.get(topic, 0)
     if undecodable:
         judgement.gaps(f"{counted(undecodable, 'message')} cannot be decoded")
     judge_transport(transport, window, seen.first_log_ns, judgement)
     entry |= {"missed_at_start": transport.pop("missed_at_start"), "transport": transport}
     return _judged(entry, judgement), judgement
+
+
+def _rate_hz(topic: RecordedTopic) -> float | None:
+    """Messages per s from the first to the last; None where that is no time."""
+    span_s = max(topic.last_log_ns - topic.first_log_ns, 0) * 1e-9
+    return (topic.messages - 1) / span_s if span_s > 0 else None
+
+
+def _judge_ends(topic: RecordedTopic, window: Window, limit_s: float, judgement: Judgement) -> None:
+    """Whether its first and last message came within limit_s of the start and the stop."""
+    late_s = (topic.first_log_ns - window.from_ns) * 1e-9
+    if window.begins and late_s > limit_s:
+        judgement.gaps(f"its first message came {duration(late_s)} after the start")
+    early_s = (window.to_ns - topic.last_log_ns) * 1e-9
+    if window.ends and early_s > limit_s and topic.messages > rules.SILENCE_INTERVALS:
+        judgement.gaps(f"its last message came {duration(early_s)} before the stop")
 
 
 def _without_steps(found: Findings, rhythm: Rhythm) -> int:

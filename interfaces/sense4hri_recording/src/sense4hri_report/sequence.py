@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from sense4hri.cdr import RawMessage
 from sense4hri.chunk import Break, Chunk
@@ -35,6 +36,25 @@ EXACT, WHOLE = 16, 0.05  # messages whose stamps were so exact, in samples, tell
 class _Waiting:
     raw: RawMessage
     log_ns: int
+
+
+class _Joint(NamedTuple):
+    """A message, when it was recorded, the stamp that it follows, and the rate until then; 0 = irregular."""
+
+    raw: RawMessage
+    log_ns: int
+    previous_ns: int
+    fs_hz: float
+
+    @property
+    def seconds(self) -> float:
+        """How long the message's samples took."""
+        return len(self.raw.samples) / self.fs_hz if self.fs_hz else 0.0
+
+    @property
+    def jump_s(self) -> float:
+        """How far its stamp is from the one before."""
+        return (self.raw.device_ns - self.previous_ns) * 1e-9
 
 
 class RawAccount(RawFindings):
@@ -177,12 +197,12 @@ class RawAccount(RawFindings):
         placed = self._clock.place(Chunk(raw.channels, raw.samples, raw.device_ns or None, raw.received_ns))
         previous_ns, self.last_device_ns = self.last_device_ns, stamp_ns
         if placed.break_ in (Break.GAP, Break.RESET):
-            self._broken(raw, log_ns, previous_ns, n, fs_hz, placed.break_, placed.lost)
+            self._broken(_Joint(raw, log_ns, previous_ns, fs_hz), placed.break_, placed.lost)
         elif placed.break_ is None:
             late = (stamp_ns - previous_ns) / SECOND_NS * fs_hz - n
             self._look_within(late)
             if abs(late) > LATE * n and self.has_device_time and fs_hz:
-                self._doubts.take(self._doubt(raw, log_ns, previous_ns, fs_hz))
+                self._doubts.take(self._doubt(_Joint(raw, log_ns, previous_ns, fs_hz)))
             self.steady_samples += n
             self.steady_ns += stamp_ns - previous_ns
         if self.has_device_time:
@@ -197,12 +217,13 @@ class RawAccount(RawFindings):
         self.samples += n
         self.on_samples(Placed(times_ns, raw.channels, raw.samples, placed.break_ is not None))
 
-    def _doubt(self, raw: RawMessage, log_ns: int, previous_ns: int, fs_hz: float) -> Doubt:
+    def _doubt(self, joint: _Joint) -> Doubt:
         """By how much a message is late, and the hole before it."""
+        raw, previous_ns = joint.raw, joint.previous_ns
         n, step_ns = len(raw.samples), raw.device_ns - previous_ns
-        to_ns = self._ros_ns(raw.device_ns) - round(n / fs_hz * 1e9)
-        hole = Hole(previous_ns, raw.device_ns, self._log_ns, log_ns, self.last_ns, to_ns, lost=0)
-        return Doubt(step_ns / SECOND_NS * fs_hz - n, hole, n, step_ns)
+        to_ns = self._ros_ns(raw.device_ns) - round(joint.seconds * 1e9)
+        hole = Hole(previous_ns, raw.device_ns, self._log_ns, joint.log_ns, self.last_ns, to_ns, lost=0)
+        return Doubt(step_ns / SECOND_NS * joint.fs_hz - n, hole, n, step_ns)
 
     def _lose(self, newest: Doubt, lost: int) -> None:
         """Samples are missing before the newest message, or before an earlier one.
@@ -262,45 +283,55 @@ class RawAccount(RawFindings):
         late_s = (raw.received_ns - self._ros_ns(stamp_ns)) * 1e-9
         self.event(self._ros_ns(stamp_ns), "reorder", f"{n} samples came after newer ones, {late_s:.2f} s late")
 
-    def _broken(
-        self, raw: RawMessage, log_ns: int, previous_ns: int, n: int, fs_hz: float, break_: Break, lost: int
-    ) -> None:
+    def _broken(self, joint: _Joint, break_: Break, lost: int) -> None:
         """Samples that do not continue those before them: a hole, or a clock that was set."""
         assert self._clock is not None
-        before_ros_ns = self.last_ns
-        pause_s = (raw.received_ns - self._received_ns) * 1e-9 - (n / fs_hz if fs_hz else 0.0)
         if not self.has_device_time:
-            if break_ is Break.GAP and pause_s > 0:
-                to_ns = raw.received_ns - round(n / fs_hz * 1e9)
-                lost = round(pause_s * fs_hz)
-                self.holes.append(Hole(0, 0, self._log_ns, log_ns, before_ros_ns, to_ns, lost, estimated=True))
-            elif break_ is Break.RESET:
-                self.backwards += 1
-                self.event(raw.received_ns, "backwards", "stamp of receipt earlier than the samples before allow")
-            return
-        if not self._clock.nominal_hz:
-            self.backwards += 1
-            self.event(raw.received_ns, "backwards", f"stamp {(previous_ns - raw.device_ns) * 1e-9:.3f} s back")
-            return
-        jump_s = (raw.device_ns - previous_ns) * 1e-9
-        if break_ is Break.GAP and not self._time.ran_ahead(raw, jump_s - n / fs_hz):
-            self._lose(self._doubt(raw, log_ns, previous_ns, fs_hz), lost)
-            return
+            self._broken_by_receipt(joint, break_)
+        elif not self._clock.nominal_hz:
+            back_s = (joint.previous_ns - joint.raw.device_ns) * 1e-9
+            self._went_back(joint.raw, f"stamp {back_s:.3f} s back")
+        elif break_ is Break.GAP and not self._time.ran_ahead(joint.raw, joint.jump_s - joint.seconds):
+            self._lose(self._doubt(joint), lost)
+        else:
+            self._reset(joint)
+
+    def _broken_by_receipt(self, joint: _Joint, break_: Break) -> None:
+        """Without device time a hole is as long as the link was silent."""
+        if break_ is Break.GAP and self._pause_s(joint) > 0:
+            self.holes.append(self._pause(joint, 0, 0))
+        elif break_ is Break.RESET:
+            self._went_back(joint.raw, "stamp of receipt earlier than the samples before allow")
+
+    def _went_back(self, raw: RawMessage, what: str) -> None:
+        self.backwards += 1
+        self.event(raw.received_ns, "backwards", what)
+
+    def _reset(self, joint: _Joint) -> None:
+        """The device's clock was set; after a pause the device was restarted, and what it lost then is estimated."""
+        raw, way = joint.raw, "ahead" if joint.jump_s > 0 else "back"
         self.resets += 1
-        kind = "reboot" if pause_s > PAUSE_S else "clock_reset"
-        where = f"device clock went {'ahead' if jump_s > 0 else 'back'} by {_duration(abs(jump_s))}"
+        kind, where = "clock_reset", f"device clock went {way} by {_duration(abs(joint.jump_s))}"
         self._memory.clear()
         self._doubts = Doubts()
         self._time.restart()
         self._time.learn(raw)
-        if kind == "reboot":
-            to_ns = raw.received_ns - round(n / fs_hz * 1e9)
-            lost = round(pause_s * fs_hz)
-            logs = (self._log_ns, log_ns)
-            self.holes.append(Hole(previous_ns, raw.device_ns, *logs, before_ros_ns, to_ns, lost, estimated=True))
-            where += f" after a pause of {pause_s:.1f} s"
+        if self._pause_s(joint) > PAUSE_S:
+            kind, where = "reboot", f"{where} after a pause of {self._pause_s(joint):.1f} s"
+            self.holes.append(self._pause(joint, joint.previous_ns, raw.device_ns))
         self.holes.begin_epoch()
         self.event(raw.received_ns, kind, where)
+
+    def _pause_s(self, joint: _Joint) -> float:
+        """For how long nothing was received, beyond the time that the message's samples took."""
+        return (joint.raw.received_ns - self._received_ns) * 1e-9 - joint.seconds
+
+    def _pause(self, joint: _Joint, from_device_ns: int, to_device_ns: int) -> Hole:
+        """The hole of such a pause, in device time from and to these stamps."""
+        to_ns = joint.raw.received_ns - round(joint.seconds * 1e9)
+        lost = round(self._pause_s(joint) * joint.fs_hz)
+        spans = from_device_ns, to_device_ns, self._log_ns, joint.log_ns, self.last_ns, to_ns
+        return Hole(*spans, lost, estimated=True)
 
     def _ros_ns(self, device_ns: int) -> int:
         """Corrected ROS time of device time in the present epoch."""

@@ -15,7 +15,7 @@ from sense4hri_recording.source import RecordedTopic, Source, open_source
 from sense4hri_recording.strange import why_strange
 
 from sense4hri_report import rules
-from sense4hri_report.collect import Findings
+from sense4hri_report.collect import Findings, Marker
 from sense4hri_report.judge import absent_entry, stream_entry, topic_entry
 from sense4hri_report.outages import outages
 from sense4hri_report.raw_findings import KEPT
@@ -54,12 +54,7 @@ def summarise(found: Findings, now_ns: int) -> Json:
             window.at(step.after_ns) | {"host": step.host, "step_s": step.step_ns * 1e-9} for step in steps
         ],
         "markers_total": found.markers_total,
-        "markers": [
-            window.at(marker.at_ns)
-            | {"name": marker.name, "value": marker.value, "human_id": marker.human_id, "source": marker.source}
-            | {"uncertainty_s": marker.uncertainty_s if marker.uncertainty_s >= 0 else None}
-            for marker in found.markers
-        ],
+        "markers": [_marker(marker, window) for marker in found.markers],
         "nodes": _nodes(found),
         "topics": [_topic(found, name) for name in sorted(found.source.topics)],
         "refused": found.notes.refused,
@@ -115,6 +110,14 @@ def _window(found: Findings, session: Json | None, place: Json) -> Window:
         return Window(source.first_ns, source.last_ns, False, False, bool(place["continues"]), between)
     edges = start_ns or source.first_ns, stop_ns or source.last_ns
     return Window(*edges, bool(start_ns), bool(stop_ns), bool(place["continues"]))
+
+
+def _marker(marker: Marker, window: Window) -> Json:
+    return (
+        window.at(marker.at_ns)
+        | {"name": marker.name, "value": marker.value, "human_id": marker.human_id, "source": marker.source}
+        | {"uncertainty_s": marker.uncertainty_s if marker.uncertainty_s >= 0 else None}
+    )
 
 
 def _all_there(judged: list[tuple[Json, Judgement]], window: Window) -> str:

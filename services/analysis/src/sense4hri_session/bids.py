@@ -13,7 +13,7 @@ import io
 import re
 import zlib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +51,19 @@ def write(session: Session, streams: list[Stream], folder: Path) -> Iterator[str
     Raises SessionError where it cannot be read back.
     """
     folder.mkdir()
+    _write_description(session, folder)
+    people = [human for human in session.humans if human != UNASSIGNED]
+    yield from _left_out(session, streams, people)
+    subjects = _subjects(people)
+    _write_participants(subjects, folder)
+    task = re.sub(NO_LABEL, "", str(session.info.get("task") or ""))[:60] or "study"
+    file_ns = session_start_ns(session)
+    for human, subject in subjects.items():
+        worn = [stream for stream in streams if stream.name.human_id == human]
+        yield from _write_person(session, human, worn, subject, task, file_ns, folder)
+
+
+def _write_description(session: Session, folder: Path) -> None:
     study = str(session.info.get("study") or "Sense4HRI study")
     write_json(
         folder / "dataset_description.json",
@@ -68,22 +81,20 @@ def write(session: Session, streams: list[Stream], folder: Path) -> Iterator[str
         "Participants are pseudonyms.\n",
         "utf-8",
     )
-    people = [human for human in session.humans if human != UNASSIGNED]
-    yield from _left_out(session, streams, people)
+
+
+def _subjects(people: list[str]) -> dict[str, str]:
+    """What BIDS calls each participant. Who is called as a label may be has that one: `sub-pa` is `pa`, not `p_a`."""
     labels = Names(NO_LABEL, "")
     for human in sorted(people, key=lambda human: re.search(NO_LABEL, human) is not None):
-        labels.of(human)  # who is called as a label may be has that one: `sub-pa` is `pa`, not `p_a`
-    rows = [{"participant_id": f"sub-{labels.of(human)}", "pseudonym": cell(human)} for human in people]
+        labels.of(human)
+    return {human: f"sub-{labels.of(human)}" for human in people}
+
+
+def _write_participants(subjects: Mapping[str, str], folder: Path) -> None:
+    rows = [{"participant_id": subject, "pseudonym": cell(human)} for human, subject in subjects.items()]
     write_tsv(folder / "participants.tsv", ["participant_id", "pseudonym"], rows)
     write_json(folder / "participants.json", {"pseudonym": {"Description": "human_id in the recording, a pseudonym"}})
-    task = re.sub(NO_LABEL, "", str(session.info.get("task") or ""))[:60] or "study"
-    worn: dict[str, list[Stream]] = {human: [] for human in people}
-    for stream in streams:
-        if stream.name.human_id in worn:
-            worn[stream.name.human_id].append(stream)
-    file_ns = session_start_ns(session)
-    for human, own in worn.items():
-        yield from _write_person(session, human, own, f"sub-{labels.of(human)}", task, file_ns, folder)
 
 
 def _left_out(session: Session, streams: list[Stream], people: list[str]) -> Iterator[str]:

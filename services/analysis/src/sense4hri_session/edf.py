@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -68,10 +68,29 @@ def write(session: Session, stream: Stream, start_ns: int, stem: Path) -> Iterat
     if not is_there():
         return
     rate = whole_rate_hz(stream)
-    bits = int(stream.metadata.get("resolution_bits") or 0)
-    wide = not 0 < bits <= 16 or _coarseness(stream, 16) > COARSE
-    path = stem.with_name(stem.name + (".bdf" if wide else ".edf"))
     grid = ConstantRate(stream, start_ns, float(rate), span_of(session))
+    written = _write(session, grid, stem)
+    if not grid.samples:
+        written.path.unlink()
+    yield from (f"{stream.key}, EDF: {words}" for words in _not_held(session, grid, written))
+    if grid.samples:
+        yield from _read_back(written.path, stream, rate, grid.samples, written.annotated)
+
+
+class _Written(NamedTuple):
+    """A file. wide: of 24 bits; annotated: the texts of its annotations; flat: it shows too little of a channel."""
+
+    path: Path
+    wide: bool
+    annotated: list[str]
+    flat: bool
+
+
+def _write(session: Session, grid: ConstantRate, stem: Path) -> _Written:
+    """Write the file with as many bits, and as much room for annotations, as it needs."""
+    bits = int(grid.stream.metadata.get("resolution_bits") or 0)
+    wide = not 0 < bits <= 16 or _coarseness(grid.stream, 16) > COARSE
+    path = stem.with_name(stem.name + (".bdf" if wide else ".edf"))
     annotated, flat = _file(path, session, grid, wide, ROOM)
     if flat and not wide:
         path.unlink()
@@ -80,21 +99,24 @@ def write(session: Session, stream: Stream, start_ns: int, stem: Path) -> Iterat
     needed = math.ceil(len(annotated) / max(_seconds(grid), 1))
     if needed > ROOM:
         annotated, _ = _file(path, session, grid, wide, min(needed, MOST_ROOM))
-    if not grid.samples:
-        path.unlink()
-    yield from (f"{stream.key}, EDF: {words}" for words in grid.left_out())
+    return _Written(path, wide, annotated, flat)
+
+
+def _not_held(session: Session, grid: ConstantRate, written: _Written) -> Iterator[str]:
+    """What the file does not hold, or only coarsely."""
+    yield from grid.left_out()
     onsets = [onset for onset, _ in _markers(session, grid)]
     early, late = sum(onset < 0 for onset in onsets), sum(onset > _seconds(grid) for onset in onsets)
     if grid.samples and early:
-        yield f"{stream.key}, EDF: {counted(early, 'marker')} left out, the file begins after them"
+        yield f"{counted(early, 'marker')} left out, the file begins after them"
     if grid.samples and late:
-        yield f"{stream.key}, EDF: {counted(late, 'marker')} left out, the file ends before them"
-    if (times := _coarseness(stream, 24 if wide else 16)) > COARSE:
-        yield f"{stream.key}, EDF: values beyond the sensor's range make a step of the file {times:.0f} of the sensor's"
-    if flat:
-        yield f"{stream.key}, EDF: values far beyond its usual ones leave these less than {FLAT:g} steps of the file"
-    yield from (f"{stream.key}, EDF: its header has {words}" for words in _otherwise(stream) if grid.samples)
-    yield from _read_back(path, stream, rate, grid.samples, annotated) if grid.samples else ()
+        yield f"{counted(late, 'marker')} left out, the file ends before them"
+    if (times := _coarseness(grid.stream, 24 if written.wide else 16)) > COARSE:
+        yield f"values beyond the sensor's range make a step of the file {times:.0f} of the sensor's"
+    if written.flat:
+        yield f"values far beyond its usual ones leave these less than {FLAT:g} steps of the file"
+    if grid.samples:
+        yield from (f"its header has {words}" for words in _otherwise(grid.stream))
 
 
 def _file(path: Path, session: Session, grid: ConstantRate, wide: bool, room: int) -> tuple[list[str], bool]:

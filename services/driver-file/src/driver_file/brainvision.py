@@ -8,8 +8,10 @@ import configparser
 from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from sense4hri.signal_files.content import (
     Event,
     IntArray,
@@ -62,38 +64,58 @@ def _sections(path: Path) -> Sections:
     return found
 
 
+class _Stored(NamedTuple):
+    """Where the values are, and how they lie there. points: of each channel, 0 where the header does not tell."""
+
+    data: Path
+    kind: str
+    channels: int
+    orientation: str
+    points: int
+
+    def table(self) -> NDArray[Any]:
+        """Return the values, shape (n, channels). Raises UnreadableFileError where they cannot be parted."""
+        stored = np.fromfile(self.data, self.kind)
+        if self.orientation == "MULTIPLEXED":
+            return stored[: stored.size // self.channels * self.channels].reshape(-1, self.channels)
+        if stored.size == self.channels * (self.points or stored.size // self.channels):
+            return stored.reshape(self.channels, -1).T
+        how = f"{stored.size} values of {self.channels} channels, one channel after the other"
+        raise UnreadableFileError(f"{self.data}: {how}: cut off, or of another header")
+
+
 def _signal(path: Path, header: Sections, fs_hz: float, clock: Clock) -> Signal:
     common = header["Common Infos"]
     for key, only in READ:
         if (said := common.get(key, only).upper()) != only:
             raise UnreadableFileError(f"{path}: {key} {said} is not read, only {only}")
     kind = header["Binary Infos"]["BinaryFormat"]
-    count = int(common["NumberOfChannels"])
-    infos = [header["Channel Infos"][f"Ch{number + 1}"].split(",") for number in range(count)]
+    infos = [header["Channel Infos"][f"Ch{number + 1}"].split(",") for number in range(int(common["NumberOfChannels"]))]
     scales = np.array([float(info[2] or 1) if len(info) > 2 else 1.0 for info in infos])
-    if kind not in FORMATS:
-        raise UnreadableFileError(f"{path}: BinaryFormat {kind} is not among {', '.join(FORMATS)}")
-    data = _named(path, common["DataFile"])
-    orientation = common.get("DataOrientation", "MULTIPLEXED").upper()
-    if orientation not in ORIENTATIONS:
-        raise UnreadableFileError(f"{path}: DataOrientation {orientation} is neither {' nor '.join(ORIENTATIONS)}")
-    order = ">" if header["Binary Infos"].get("UseBigEndianOrder", "NO").upper() == "YES" else "<"
+    stored = _stored(path, header)
 
     def read(wanted: tuple[int, ...]) -> Sampled:
-        stored = np.fromfile(data, order + FORMATS[kind])
-        if orientation == "MULTIPLEXED":
-            table = stored[: stored.size // count * count].reshape(-1, count)
-        elif stored.size == count * (_points(common) or stored.size // count):
-            table = stored.reshape(count, -1).T
-        else:
-            how = f"{stored.size} values of {count} channels, one channel after the other"
-            raise UnreadableFileError(f"{data}: {how}: cut off, or of another header")
+        table = stored.table()
         even = evenly(fs_hz, table[:, list(wanted)] * scales[list(wanted)])
         return even._replace(times_ns=clock(np.arange(len(table))))
 
     names = tuple(info[0].replace(r"\1", ",") for info in infos)
     units = tuple((info[3] if len(info) > 3 else "") or "uV" for info in infos)
     return Signal(names, units, read, "eeg" if not _told(names) else "", BITS.get(kind, 0))
+
+
+def _stored(path: Path, header: Sections) -> _Stored:
+    """Return how a header says that the values are stored. Raises UnreadableFileError for what is not read."""
+    common, binary = header["Common Infos"], header["Binary Infos"]
+    kind = binary["BinaryFormat"]
+    if kind not in FORMATS:
+        raise UnreadableFileError(f"{path}: BinaryFormat {kind} is not among {', '.join(FORMATS)}")
+    data = _named(path, common["DataFile"])
+    orientation = common.get("DataOrientation", "MULTIPLEXED").upper()
+    if orientation not in ORIENTATIONS:
+        raise UnreadableFileError(f"{path}: DataOrientation {orientation} is neither {' nor '.join(ORIENTATIONS)}")
+    order = ">" if binary.get("UseBigEndianOrder", "NO").upper() == "YES" else "<"
+    return _Stored(data, order + FORMATS[kind], int(common["NumberOfChannels"]), orientation, _points(common))
 
 
 def _named(path: Path, name: str) -> Path:

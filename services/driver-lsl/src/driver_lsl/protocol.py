@@ -61,13 +61,19 @@ def parse(xml: str) -> Outlet:
         count, rate_hz = int(lsl.text_of(info, "channel_count")), float(lsl.text_of(info, "nominal_srate") or 0)
     except (ElementTree.ParseError, ValueError) as err:
         raise DeviceLost(f"the description of the outlet cannot be read: {err}") from err
-    name, kind, form = (
-        lsl.text_of(info, "name"),
-        lsl.sensor_type(lsl.text_of(info, "type")),
-        lsl.text_of(info, "channel_format"),
-    )
+    name, host, form = (lsl.text_of(info, key) for key in ("name", "hostname", "channel_format"))
+    kind = lsl.sensor_type(lsl.text_of(info, "type"))
     if count < 1 or not 0 <= rate_hz < FASTEST_HZ:
         raise ConfigError(f"outlets: stream {name!r} has {count} channels at {rate_hz:g} Hz")
+    events = form == "string" or (kind == lsl.MARKERS and not rate_hz)
+    channels = _channels(info, count, kind)
+    return Outlet(name, host, rate_hz, BITS.get(form, 0), *channels, events, _identity(info, name))
+
+
+def _channels(
+    info: ElementTree.Element, count: int, kind: str
+) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+    """(labels, units, types) of so many channels, described or not; kind: the stream's sensor type."""
     described = info.findall("desc/channels/channel")[:count]
     described += [ElementTree.Element("channel")] * (count - len(described))
     labels = unique([lsl.text_of(each, "label") or str(number) for number, each in enumerate(described)])
@@ -76,16 +82,16 @@ def parse(xml: str) -> Outlet:
         channel_type(kind, lsl.text_of(each, "type"), label, unit)
         for each, label, unit in zip(described, labels, units, strict=True)
     )
-    events = form == "string" or (kind == lsl.MARKERS and not rate_hz)
-    identity = Identity(
+    return labels, units, types
+
+
+def _identity(info: ElementTree.Element, name: str) -> Identity:
+    serial_number = _first(info, "serial_number", "acquisition/serial_number") or lsl.text_of(info, "source_id")
+    return Identity(
         vendor=_first(info, "manufacturer", "acquisition/manufacturer"),
         model=_first(info, "model", "acquisition/model") or name or None,
-        serial_number=_first(info, "serial_number", "acquisition/serial_number")
-        or lsl.text_of(info, "source_id")
-        or None,
+        serial_number=serial_number or None,
     )
-    host = lsl.text_of(info, "hostname")
-    return Outlet(name, host, rate_hz, BITS.get(form, 0), labels, units, types, events, identity)
 
 
 def pick(outlets: Sequence[Outlet], wanted: tuple[Wanted, ...]) -> list[Picked]:

@@ -149,39 +149,54 @@ def parse(text: str) -> Description:
 
 def _mistakes(found: Description) -> Any:
     """Yield what is wrong between several keys."""
-    binary = found.format in BINARY
-    if binary and found.checksum == "nmea":
+    if found.format in BINARY and found.checksum == "nmea":
         yield "checksum is 'nmea', which is of text alone"
-    for index, entry in enumerate(found.fields):
-        if not re.fullmatch(rf"\w+ ({'|'.join(TYPES)})" if binary else r"\w+", entry):
-            yield f"fields[{index}] is {entry!r}, must be a name" + (
-                f" and one of {', '.join(TYPES)}" if binary else ""
-            )
-    for index, again in enumerate(found.names):
-        if again != "_" and again in found.names[:index]:
-            yield f"fields[{index}] is {again!r}, as an earlier one: which of the two is meant?"
+    yield from _field_mistakes(found)
     if not found.separator:
         yield "separator is empty"
     for key, command in (("start", found.start), ("stop", found.stop)):
         if any(ord(each) > 0xFF for each in command):
             yield f"{key} is {command!r}, must be of characters up to U+00FF, one a byte"
+    yield from _frame_mistakes(found)
+    if not found.streams:
+        yield "streams is missing: at least one"
+    for sensor_type, own in found.streams.items():
+        yield from _stream_mistakes(f"streams.{sensor_type}", sensor_type, own)
+    for place, name in _used_fields(found).items():
+        if name and found.fields and (name == "_" or name not in found.names):
+            yield f"{place} is {name!r}, which is not among the fields {', '.join(found.names)}"
+    if found.format in BINARY:
+        yield from _width_mistakes(found)
+
+
+def _field_mistakes(found: Description) -> Any:
+    kinds, also = "", ""
+    if found.format in BINARY:
+        kinds, also = f" ({'|'.join(TYPES)})", f" and one of {', '.join(TYPES)}"
+    for index, entry in enumerate(found.fields):
+        if not re.fullmatch(rf"\w+{kinds}", entry):
+            yield f"fields[{index}] is {entry!r}, must be a name{also}"
+    for index, again in enumerate(found.names):
+        if again != "_" and again in found.names[:index]:
+            yield f"fields[{index}] is {again!r}, as an earlier one: which of the two is meant?"
+
+
+def _frame_mistakes(found: Description) -> Any:
+    """Yield why frames could not be told apart, or their fields."""
     if not found.fields and found.format not in ("pairs", "json"):
         yield f"fields is missing: a frame of format {found.format} needs them in order"
     if found.format == "struct" and not found.begins:
         yield "begins is missing: nothing else shows where a struct frame begins; or send them as cobs"
     if found.format == "struct" and found.checksum == "none" and len(found.first_octets) == 1:
         yield f"begins is {found.begins!r}: without a checksum one byte is too little to know a frame by, at least two"
-    if not found.streams:
-        yield "streams is missing: at least one"
+
+
+def _used_fields(found: Description) -> dict[str, Any]:
+    """The field that each key names, by the key's place."""
     used = {"time.field": found.time and found.time.field, "counter.field": found.counter and found.counter.field}
     for sensor_type, own in found.streams.items():
-        yield from _stream_mistakes(f"streams.{sensor_type}", sensor_type, own)
         used |= {f"streams.{sensor_type}.channels.{name}.field": each.field for name, each in own.channels.items()}
-    for place, name in used.items():
-        if name and found.fields and (name == "_" or name not in found.names):
-            yield f"{place} is {name!r}, which is not among the fields {', '.join(found.names)}"
-    if binary:
-        yield from _width_mistakes(found)
+    return used
 
 
 def _width_mistakes(found: Description) -> Any:

@@ -71,6 +71,36 @@ class Response:
         return (self.peak_ns - self.onset_ns) / SECOND_NS if np.isfinite(self.amplitude) else np.nan
 
 
+class _Window(NamedTuple):
+    """The points of the window. told: those of which something was told; moving: not held at the same value either."""
+
+    seconds: float
+    raw: Floats
+    spread: Floats
+    tonic: Floats
+    told: NDArray[np.bool_]
+    moving: NDArray[np.bool_]
+
+    @property
+    def known(self) -> Floats:
+        """The points that are numbers."""
+        return self.raw[np.isfinite(self.raw)]
+
+    @property
+    def trend_per_min(self) -> float:
+        return features.trend_per_min(self.tonic)
+
+    @property
+    def told_s(self) -> float:
+        """For how long something was told; the newest points of a slow sensor are to come."""
+        return min(self.seconds, np.count_nonzero(self.told) / GRID_HZ + BRIDGED_S)
+
+    @property
+    def filled(self) -> float:
+        """Share of the window's points that move."""
+        return min(1.0, np.count_nonzero(self.moving) / max(1.0, self.seconds * GRID_HZ - 1))
+
+
 class EdaStream:
     """A Step of the kit (sense4hri.step). Raises ValueError for a rate no EDA has, or a resistance."""
 
@@ -164,55 +194,69 @@ class EdaStream:
         return line
 
     def _update(self, block: Block, whole: bool) -> EdaUpdate:
-        window_s = block.window_s(self._config.window_s)
-        here = self._times_ns > block.end_ns - round(self._config.window_s * SECOND_NS)
-        raw = self._raw[here]
-        problem = self._problem(raw, self._spread[here], block.end_ns)
+        window = self._window(block)
+        problem = self._problem(window, block.end_ns)
         if problem:
-            self._withheld |= self._times_ns > self._answered_ns
-            self._told_ns = block.end_ns
-            return self._nothing(block, window_s, problem)
+            return self._withhold(block, window.seconds, problem)
         self._answered_ns = block.end_ns
-        known = raw[np.isfinite(raw)]
-        ripple = features.ripple(known, self._period_s)
-        told_from = np.fmax(features.NOISE_MARGIN * ripple, features.STEPS * np.fmin.reduce(self._steps))
-        least = float(np.fmax(self._config.scr_threshold_us if self._scale == 1 else 0.0, told_from))
+        ripple, jumped = features.ripple(window.known, self._period_s), features.jumps(window.known, self._scale == 1)
+        least = self._least_amplitude(ripple)
         fresh = self._found(least, whole)
         self._recover()
-        start_ns = block.end_ns - round(window_s * SECOND_NS)
-        self._responses = [each for each in self._responses if each.peak_ns > start_ns]
-        tonic, trend = self._tonic[here], features.trend_per_min(self._tonic[here])
-        noise = float(np.nanmax([_median(self._spread[here]), ripple]))
-        held = frozen(self._raw[:, None], round(self._held_s * GRID_HZ))
-        told = np.isfinite(raw) & ~self._withheld[here]
-        told_of, moving = np.count_nonzero(told), np.count_nonzero(told & ~held[here])
-        filled = min(1.0, moving / max(1.0, window_s * GRID_HZ - 1), self._presence.share())
-        held_s = min(window_s, told_of / GRID_HZ + BRIDGED_S)  # the newest points of a slow sensor are to come
-        jumped = features.jumps(known, self._scale == 1)
-        doubts = 1 + self._motion.at(block.received_ns, self._config.window_s).strength
-        quality = features.quality(_median(tonic), noise, jumped, trend, filled) ** doubts
-        doubt = self._doubt(raw[newest_run(raw) :]) if self._responses else ""
-        enough = held_s >= NEEDS_S
+        self._forget(block.end_ns - round(window.seconds * SECOND_NS))
+        quality = self._quality(window, ripple, jumped)
+        quality **= 1 + self._motion.at(block.received_ns, self._config.window_s).strength
+        doubt = self._doubt(window.raw[newest_run(window.raw) :]) if self._responses else ""
+        enough = window.told_s >= NEEDS_S
         scale, found = self._scale, self._responses
         return EdaUpdate(
             device_ns=block.device_ns,
             received_ns=block.received_ns,
-            window_s=window_s,
-            tonic_us=scale * _mean(tonic),
-            tonic_slope_us_per_min=scale * trend,
+            window_s=window.seconds,
+            tonic_us=scale * _mean(window.tonic),
+            tonic_slope_us_per_min=scale * window.trend_per_min,
             scr_count=len(found),
-            scr_rate_per_min=60 * len(found) / held_s if enough else np.nan,
+            scr_rate_per_min=60 * len(found) / window.told_s if enough else np.nan,
             scr_amplitude_us=scale * _mean(np.array([each.amplitude for each in found])),
             scr_rise_time_s=_mean(np.array([each.rise_time_s for each in found])),
             scr_half_recovery_s=_mean(np.array([each.half_recovery_s for each in found])),
-            phasic_auc_us_s=scale * float(np.nansum(raw - tonic)) / GRID_HZ,
+            phasic_auc_us_s=scale * float(np.nansum(window.raw - window.tonic)) / GRID_HZ,
             scr_onset_timestamps=tuple(each.onset_ns for each in fresh),
             scr_peak_timestamps=tuple(each.peak_ns for each in fresh),
             scr_amplitudes_us=tuple(scale * each.amplitude for each in fresh),
             signal_quality=quality * DOUBT if doubt else quality,
-            extra=self._extra(scale * least, scale * tonic[-1]),
+            extra=self._extra(scale * least, scale * window.tonic[-1]),
             reasons=tuple(self._reasons(enough, jumped, least, doubt)),
         )
+
+    def _window(self, block: Block) -> _Window:
+        here = self._times_ns > block.end_ns - round(self._config.window_s * SECOND_NS)
+        held = frozen(self._raw[:, None], round(self._held_s * GRID_HZ))
+        raw = self._raw[here]
+        told = np.isfinite(raw) & ~self._withheld[here]
+        seconds = block.window_s(self._config.window_s)
+        return _Window(seconds, raw, self._spread[here], self._tonic[here], told, told & ~held[here])
+
+    def _withhold(self, block: Block, window_s: float, problem: str) -> EdaUpdate:
+        """Nothing can be said of the window, and nothing will be said later of what came since the last answer."""
+        self._withheld |= self._times_ns > self._answered_ns
+        self._told_ns = block.end_ns
+        return self._nothing(block, window_s, problem)
+
+    def _least_amplitude(self, ripple: float) -> float:
+        """The amplitude from which on a rise is a response: the parameter, above noise and the converter's steps."""
+        told_from = np.fmax(features.NOISE_MARGIN * ripple, features.STEPS * np.fmin.reduce(self._steps))
+        return float(np.fmax(self._config.scr_threshold_us if self._scale == 1 else 0.0, told_from))
+
+    def _quality(self, window: _Window, ripple: float, jumped: float) -> float:
+        """Of the signal itself, whatever moved the sensor."""
+        noise = float(np.nanmax([_median(window.spread), ripple]))
+        filled = min(window.filled, self._presence.share())
+        return features.quality(_median(window.tonic), noise, jumped, window.trend_per_min, filled)
+
+    def _forget(self, until_ns: int) -> None:
+        """Forget the responses that the window has left behind."""
+        self._responses = [each for each in self._responses if each.peak_ns > until_ns]
 
     def _found(self, least: float, whole: bool) -> list[Response]:
         """Responses that were not told before, filed."""
@@ -245,25 +289,28 @@ class EdaStream:
                 end = None if end_ns is None else int(np.searchsorted(times_ns, end_ns))
                 each.half_recovery_s = features.half_recovery_s(level, features.Scr(peak, peak, each.amplitude), end)
 
-    def _problem(self, raw: Floats, spread: Floats, end_ns: int) -> str:
+    def _problem(self, window: _Window, end_ns: int) -> str:
         """Why nothing can be said of the window; empty where something can."""
-        known = raw[np.isfinite(raw)]
-        newest = known[-round(LEVEL_S * GRID_HZ) :]
+        known = window.known
         if np.isfinite(self._loose_us):
             return f"loose electrode: {self._loose_us:.3g} uS is no conductance of skin with good contact"
         if not len(known) or end_ns - self._times_ns[-1] > (BRIDGED_S + 0.5) * SECOND_NS:
             return "eda holds no number"
-        if len(newest) and self._railed(newest).mean() > AT_RAIL:
+        if self._railed(known[-round(LEVEL_S * GRID_HZ) :]).mean() > AT_RAIL:
             return "eda is saturated: at an end of its range"
-        seconds = len(known) / GRID_HZ
-        least = features.FLAT_US if self._scale == 1 else 0.0
-        if seconds > NEEDS_S and features.is_flat(known, _median(spread) if seconds > FLAT_AFTER_S else 0.0, least):
+        if self._is_flat(known, window.spread):
             return "eda is flat: nothing but noise moves it"
-        run = raw[newest_run(raw) :]
         ripple_least = self._config.scr_threshold_us if self._scale == 1 else 0.3 * float(np.std(known))
-        if features.shows_pulse(run, ripple_least):
+        if features.shows_pulse(window.raw[newest_run(window.raw) :], ripple_least):
             return "eda shows the heart's pulse: not skin conductance, or a loose electrode over an artery"
         return ""
+
+    def _is_flat(self, known: Floats, spread: Floats) -> bool:
+        """Whether nothing but noise moves the points of a window that is long enough to tell."""
+        seconds = len(known) / GRID_HZ
+        least = features.FLAT_US if self._scale == 1 else 0.0
+        noise = _median(spread) if seconds > FLAT_AFTER_S else 0.0
+        return seconds > NEEDS_S and features.is_flat(known, noise, least)
 
     @staticmethod
     def _doubt(raw: Floats) -> str:

@@ -109,48 +109,80 @@ class Segments:
         return found
 
 
+class _Potentials(NamedTuple):
+    """A segment, shape (n, channels), without its straight line, which rises by `rise` over it; what channels lack."""
+
+    segment: Floats
+    rise: Floats
+    missing: Bools
+    flat: Bools
+    saturated: Bools
+
+    @property
+    def usable(self) -> Bools:
+        """Which channels show a signal."""
+        return ~(self.missing | self.flat | self.saturated)
+
+
 def measured(raw: Floats, times_ns: NDArray[np.int64], signal: Signal) -> Measured:
     """Measure one segment, shape (n, channels)."""
-    fs_hz, montage = signal.fs_hz, signal.montage
-    same = held(raw, HELD_S * fs_hz)
-    raw = np.where(same & ~same.all(axis=0), np.nan, raw)  # a channel that never changes is flat, not missing
-    filled = artefacts.known(raw).mean(axis=0)
-    segment, missing = artefacts.drawn_through(raw, fs_hz)
-    flat = artefacts.flat(segment, signal.floor(artefacts.FLAT_UV)) & ~missing
-    saturated = artefacts.saturated(segment, signal.low, signal.high)
-    usable = ~(missing | flat | saturated)
-    segment, rise = without_line(segment)
-    referred, missing = rereferenced(np.vstack([segment, rise]), signal, usable, missing)
-    size, (segment, rise) = np.ptp(segment, axis=0), (referred[:-1], referred[-1])
-    flat |= artefacts.flat(segment, np.maximum(signal.floor(artefacts.FLAT_UV), ROUNDED * size)) & ~missing
-    mains = hum(segment, fs_hz, _folded_stands_out(fs_hz))
-    segment = segment - mains
-    popped = artefacts.pops(segment, fs_hz, signal.floor(artefacts.JUMP_UV))
-    pop = np.array([len(found) > 0 for found in popped])
-    blink = artefacts.blinks(segment, fs_hz, montage, usable & ~missing & ~pop, signal.floor(signal.blink_uv))
+    fs_hz = signal.fs_hz
+    raw = _without_held(raw, fs_hz)
+    recorded = _recorded(raw, signal)
+    referred = _referred(recorded, signal)
+    mains = hum(referred.segment, fs_hz, _folded_stands_out(fs_hz))
+    segment = referred.segment - mains
+    pops = artefacts.pops(segment, fs_hz, signal.floor(artefacts.JUMP_UV))
+    popped = np.array([len(found) > 0 for found in pops])
+    seeing = recorded.usable & ~referred.missing & ~popped
+    blinks = artefacts.blinks(segment, fs_hz, signal.montage, seeing, signal.floor(signal.blink_uv))
     middle = range(len(raw) // 4, len(raw) // 4 + len(raw) // 2)
     psd = spectrum(segment, fs_hz)
     if mains.any():
         psd = mended(psd, spectrum(mains, fs_hz))
     return Measured(
-        int(times_ns[-1]),
-        psd.step_hz,
-        psd.psd,
-        fast_density(psd),
-        whiteness(psd),
-        _alike(segment, psd, signal, usable & ~missing & ~flat),
-        mains.std(axis=0),
-        np.abs(rise) / np.sqrt(12),
-        filled,
-        missing,
-        flat,
-        saturated,
-        rms(psd) > signal.ceiling(artefacts.LARGE_UV),
-        pop,
-        blink.spoilt,
-        np.array([sum(int(at) in middle for at in found) for found in popped]),
-        tuple(int(times_ns[peak]) for peak in blink.peaks if peak in middle),
+        end_ns=int(times_ns[-1]),
+        step_hz=psd.step_hz,
+        psd=psd.psd,
+        fast=fast_density(psd),
+        white=whiteness(psd),
+        alike=_alike(segment, psd, signal, referred.usable),
+        hum=mains.std(axis=0),
+        drift=np.abs(referred.rise) / np.sqrt(12),
+        filled=artefacts.known(raw).mean(axis=0),
+        missing=referred.missing,
+        flat=referred.flat,
+        saturated=referred.saturated,
+        large=rms(psd) > signal.ceiling(artefacts.LARGE_UV),
+        popped=popped,
+        blinked=blinks.spoilt,
+        pops=np.array([sum(int(at) in middle for at in found) for found in pops]),
+        blinks_ns=tuple(int(times_ns[peak]) for peak in blinks.peaks if peak in middle),
     )
+
+
+def _without_held(raw: Floats, fs_hz: float) -> Floats:
+    """NaN where a channel stays exactly the same for long; one that never changes is flat, not missing."""
+    same = held(raw, HELD_S * fs_hz)
+    return np.where(same & ~same.all(axis=0), np.nan, raw)
+
+
+def _recorded(raw: Floats, signal: Signal) -> _Potentials:
+    """Return the segment against the reference with which it was recorded."""
+    segment, missing = artefacts.drawn_through(raw, signal.fs_hz)
+    flat = artefacts.flat(segment, signal.floor(artefacts.FLAT_UV)) & ~missing
+    saturated = artefacts.saturated(segment, signal.low, signal.high)
+    return _Potentials(*without_line(segment), missing, flat, saturated)
+
+
+def _referred(recorded: _Potentials, signal: Signal) -> _Potentials:
+    """Return the segment against the chosen reference; a channel that is the same as that is flat."""
+    both = np.vstack([recorded.segment, recorded.rise])
+    both, missing = rereferenced(both, signal, recorded.usable, recorded.missing)
+    segment = both[:-1]
+    least = np.maximum(signal.floor(artefacts.FLAT_UV), ROUNDED * np.ptp(recorded.segment, axis=0))
+    flat = recorded.flat | (artefacts.flat(segment, least) & ~missing)
+    return _Potentials(segment, both[-1], missing, flat, recorded.saturated)
 
 
 def _alike(segment: Floats, psd: Spectrum, signal: Signal, usable: Bools) -> Floats:

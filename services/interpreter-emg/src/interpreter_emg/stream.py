@@ -167,14 +167,7 @@ class EmgStream:
 
     def _update(self, block: Block, events: list[Event]) -> EmgUpdate:
         window_s = block.window_s(self._config.window_s)
-        start_ns = block.end_ns - round(self._config.window_s * SECOND_NS)
-        here = slice(int(np.searchsorted(self._times_ns, start_ns, side="right")), None)
-        raw, clean = self._raw[here], self._clean[here]
-        self._remember(clean, block.end_ns)
-        drift = features.wander(raw, self._fs_hz)
-        channels = [
-            self._channel(i, raw[:, i], clean[:, i], float(drift[i]), window_s) for i in range(len(self._names))
-        ]
+        channels = self._channels(block.end_ns, window_s)
         scale = 1.0 if self._calibrated else np.nan
         rms = np.array([channel.rms for channel in channels])
         onsets, offsets = ([each for each in events if each.onset is onset] for onset in (True, False))
@@ -202,6 +195,15 @@ class EmgStream:
             reasons=(*self._reasons(), *(reason for channel in channels for reason in channel.reasons)),
         )
 
+    def _channels(self, end_ns: int, window_s: float) -> list[Channel]:
+        """What the window shows of each channel."""
+        start_ns = end_ns - round(self._config.window_s * SECOND_NS)
+        here = slice(int(np.searchsorted(self._times_ns, start_ns, side="right")), None)
+        raw, clean = self._raw[here], self._clean[here]
+        self._remember(clean, end_ns)
+        drift = features.wander(raw, self._fs_hz)
+        return [self._channel(i, raw[:, i], clean[:, i], float(drift[i]), window_s) for i in range(len(self._names))]
+
     def _remember(self, clean: Floats, end_ns: int) -> None:
         """How loud each channel is now, but for pops."""
         size = round(features.PEAK_S * self._fs_hz)
@@ -220,35 +222,42 @@ class EmgStream:
         known = clean[np.isfinite(clean)]
         filled = min(1.0, len(known) / max(1.0, self._fs_hz * window_s))
         if filled < KNOWN:
-            return Channel(np.nan, np.nan, features.NO_SPECTRUM, 0.0, (self._dead(i, raw),))
-        size = max(float(each[i]) for _, each in self._loudest if np.isfinite(each[i]))
-        if self._calibrated and size < self._least_rms:
-            why = f"{self._names[i]}: below {self._least_rms:.2g} uV, which no muscle is"
-            return Channel(np.nan, np.nan, features.NO_SPECTRUM, 0.0, (why,))
-        if self._calibrated and np.sqrt(np.mean(known**2)) > MOST_RMS:
-            why = f"{self._names[i]}: above {MOST_RMS:g} uV, which no muscle is: is the unit right?"
-            return Channel(np.nan, np.nan, features.NO_SPECTRUM, 0.0, (why,))
-        if self._times_ns[-1] - self._rectified_ns[i] < SIZE_S * SECOND_NS:
-            why = f"{self._names[i]} is never below zero: rectified, where the muscle's own signal is needed"
-            return Channel(np.nan, np.nan, features.NO_SPECTRUM, 0.0, (why,))
-        rms = float(np.sqrt(np.mean(known**2)))
+            return _no_signal(self._dead(i, raw))
+        rms, size = float(np.sqrt(np.mean(known**2))), self._size_rms(i)
+        if why := self._no_muscle(i, rms, size):
+            return _no_signal(why)
         spectrum = features.spectrum(clean, self._fs_hz, band_hz(self._fs_hz))
-        heart = self._hearts[i]
-        size = max(size, features.LOUD_RMS) if self._calibrated else size
         self._spectra[i].append(spectrum)
         drifts = features.is_drift(self._spectra[i])
         noise = rms if drifts else features.noise_rms(rms, spectrum.white, float(self._bursts.rest_rms[i]))
-        quality = features.quality(noise, float(self._hum_rms[i]), drift, heart.rms, size, filled)
-        reasons = []
-        if heart.rms:
-            reasons.append(
-                f"{self._names[i]}: ECG contamination, {heart.rate_bpm:.0f} beats/min, "
-                f"{100 * heart.rms / size:.0f} % of the muscle's amplitude"
-            )
-        if problem := self._no_frequency(spectrum, rms, drifts):
-            reasons.append(f"{self._names[i]}: {problem}")
-            spectrum = features.NO_SPECTRUM
-        return Channel(rms, float(np.mean(np.abs(known))), spectrum, quality, tuple(reasons))
+        size = max(size, features.LOUD_RMS) if self._calibrated else size
+        quality = features.quality(noise, float(self._hum_rms[i]), drift, self._hearts[i].rms, size, filled)
+        problem = self._no_frequency(spectrum, rms, drifts)
+        reasons = tuple(f"{self._names[i]}: {each}" for each in (self._contamination(i, size), problem) if each)
+        told = features.NO_SPECTRUM if problem else spectrum
+        return Channel(rms, float(np.mean(np.abs(known))), told, quality, reasons)
+
+    def _size_rms(self, i: int) -> float:
+        """How loud the loudest moment of a channel was."""
+        return max(float(each[i]) for _, each in self._loudest if np.isfinite(each[i]))
+
+    def _no_muscle(self, i: int, rms: float, size: float) -> str:
+        """Why what a channel shows is no muscle; empty where it may be one."""
+        if self._calibrated and size < self._least_rms:
+            return f"{self._names[i]}: below {self._least_rms:.2g} uV, which no muscle is"
+        if self._calibrated and rms > MOST_RMS:
+            return f"{self._names[i]}: above {MOST_RMS:g} uV, which no muscle is: is the unit right?"
+        if self._times_ns[-1] - self._rectified_ns[i] < SIZE_S * SECOND_NS:
+            return f"{self._names[i]} is never below zero: rectified, where the muscle's own signal is needed"
+        return ""
+
+    def _contamination(self, i: int, size: float) -> str:
+        """How much of the heart a channel shows; empty where it shows none."""
+        heart = self._hearts[i]
+        if not heart.rms:
+            return ""
+        share = f"{100 * heart.rms / size:.0f} % of the muscle's amplitude"
+        return f"ECG contamination, {heart.rate_bpm:.0f} beats/min, {share}"
 
     def _no_frequency(self, spectrum: features.Spectrum, rms: float, drifts: bool) -> str:
         """Why a channel has no frequency of a muscle in the window; empty where it has one, or its rate is too low."""
@@ -293,6 +302,10 @@ class EmgStream:
         if not self._calibrated:
             reasons.append(f"uncalibrated: the unit is {self._info.unit or 'unknown'}, rms_uv and mav_uv need uV")
         return reasons
+
+
+def _no_signal(why: str) -> Channel:
+    return Channel(np.nan, np.nan, features.NO_SPECTRUM, 0.0, (why,))
 
 
 def _rms(values: Floats) -> Floats:

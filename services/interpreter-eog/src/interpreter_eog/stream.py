@@ -1,6 +1,6 @@
 """The state of one EOG: its two channels, the blinks and saccades of the last minute, and which way up blinks are."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -64,6 +64,28 @@ class Seen(NamedTuple):
     saccades_s: float
 
 
+class Looks(NamedTuple):
+    """What both channels show; ABSENT is one that the stream has not."""
+
+    heog: Look
+    veog: Look
+
+    def without_veog(self, problem: str) -> "Looks":
+        """Return them where veog says nothing."""
+        return self._replace(veog=self.veog._replace(quality=0.0, saccades=[], problem=problem))
+
+    def with_veog_doubted(self) -> "Looks":
+        """Return them with a veog that says less."""
+        return self._replace(veog=self.veog._replace(quality=self.veog.quality * DOUBT))
+
+
+class Fresh(NamedTuple):
+    """Events that no update has told yet."""
+
+    blinks: list[Blink]
+    saccades: list[Movement]
+
+
 class EogStream:
     """A Step of the kit (sense4hri.step). Raises ValueError for a rate no EOG has, and without a channel of one."""
 
@@ -118,26 +140,18 @@ class EogStream:
 
     def _update(self, block: Block, settled_s: float) -> EogUpdate:
         window_s = block.window_s(self._config.window_s)
-        looks = {name: each.look(block.end_ns, window_s, self._decided_ns) for name, each in self._channels.items()}
-        doubts = 1 + self._motion.at(block.received_ns, self._config.window_s).strength
-        looks = {name: look._replace(quality=look.quality**doubts) for name, look in looks.items()}
-        heog, veog = (looks.get(name, ABSENT) for name in CHANNELS)
         until_ns, start_ns = block.end_ns - round(settled_s * SECOND_NS), block.end_ns - round(window_s * SECOND_NS)
-        lids = self._lids(veog, until_ns, start_ns)
-        if window_s >= RATE_NEEDS_S and (rate_per_min := 60 * self._told() / window_s) > MOST_BLINKS_PER_MIN:
-            problem = f"rises and falls {rate_per_min:.0f} times a minute, as no lid does"
-            looks["veog"] = veog = veog._replace(quality=0.0, saccades=[], problem=problem)
-            lids = []
-        blinks = [blink for blink in lids if self._decided_ns < blink.time_ns <= until_ns]
-        moved = [each for each in movements(heog, veog, lids) if self._decided_ns < each.time_ns <= until_ns]
+        looks = self._looks(block, window_s)
+        lids = self._lids(looks.veog, until_ns, start_ns)
+        if problem := self._no_lid(window_s):
+            looks, lids = looks.without_veog(problem), []
+        fresh = self._fresh(looks, lids, until_ns)
         self._see(looks, until_ns, start_ns)
-        self._decided_ns = max(self._decided_ns, until_ns)
-        self._blinks = [each for each in (*self._blinks, *blinks) if each.time_ns > start_ns]
-        self._saccades = [each for each in (*self._saccades, *moved) if each.time_ns > start_ns]
-        seen = bool(self._blinks) or window_s >= NOISE_AFTER_S
-        wander = seen and not veog.problem and self._wanders(block.end_ns, window_s)
+        self._file(fresh, until_ns, start_ns)
+        wander = not looks.veog.problem and self._wanders(block.end_ns, window_s)
         if wander:
-            looks["veog"] = veog = veog._replace(quality=veog.quality * DOUBT)
+            looks = looks.with_veog_doubted()
+        heog, veog = looks
         blinking, looking = not veog.problem, not (heog.problem and veog.problem)
         blinks_s, saccades_s = self._seen_s(window_s)
         uv = 1.0 if self._calibrated else np.nan
@@ -148,26 +162,53 @@ class EogStream:
             blink_count=len(self._blinks) if blinking else -1,
             blink_rate_per_min=60 * len(self._blinks) / blinks_s if blinking else np.nan,
             blink_duration_ms=_mean([each.duration_ms for each in self._blinks]) if blinking else np.nan,
-            blink_timestamps=tuple(each.time_ns for each in blinks),
-            blink_durations_ms=tuple(each.duration_ms for each in blinks),
+            blink_timestamps=tuple(each.time_ns for each in fresh.blinks),
+            blink_durations_ms=tuple(each.duration_ms for each in fresh.blinks),
             saccade_count=len(self._saccades) if looking else -1,
             saccade_rate_per_min=60 * len(self._saccades) / saccades_s if looking else np.nan,
-            saccade_timestamps=tuple(each.time_ns for each in moved),
-            saccade_amplitudes_uv=tuple(uv * each.amplitude_uv for each in moved),
+            saccade_timestamps=tuple(each.time_ns for each in fresh.saccades),
+            saccade_amplitudes_uv=tuple(uv * each.amplitude_uv for each in fresh.saccades),
             horizontal_uv=heog.deflection,
             vertical_uv=veog.deflection,
-            signal_quality=_mean([look.quality for look in looks.values()]),
-            extra=self._extra(heog, veog, moved),
+            signal_quality=_mean([look.quality for look in looks]),
+            extra=self._extra(heog, veog, fresh.saccades),
             reasons=tuple(self._reasons(heog, veog, not np.isnan(blinks_s + saccades_s), wander)),
         )
 
-    def _see(self, looks: Mapping[str, Look], until_ns: int, start_ns: int) -> None:
+    def _looks(self, block: Block, window_s: float) -> Looks:
+        """What the channels show; where the device moves, they are doubtful."""
+        doubts = 1 + self._motion.at(block.received_ns, self._config.window_s).strength
+        looks = dict.fromkeys(CHANNELS, ABSENT)
+        for name, channel in self._channels.items():
+            look = channel.look(block.end_ns, window_s, self._decided_ns)
+            looks[name] = look._replace(quality=look.quality**doubts)
+        return Looks(**looks)
+
+    def _no_lid(self, window_s: float) -> str:
+        """Why what rises and falls on veog is no lid; empty where it may be."""
+        if window_s < RATE_NEEDS_S or (rate_per_min := 60 * self._told() / window_s) <= MOST_BLINKS_PER_MIN:
+            return ""
+        return f"rises and falls {rate_per_min:.0f} times a minute, as no lid does"
+
+    def _fresh(self, looks: Looks, lids: Sequence[Blink], until_ns: int) -> Fresh:
+        """The events that are certain now and were not told before."""
+        blinks = [each for each in lids if self._decided_ns < each.time_ns <= until_ns]
+        moved = movements(looks.heog, looks.veog, lids)
+        return Fresh(blinks, [each for each in moved if self._decided_ns < each.time_ns <= until_ns])
+
+    def _file(self, fresh: Fresh, until_ns: int, start_ns: int) -> None:
+        """Add the events to those of the window."""
+        self._decided_ns = max(self._decided_ns, until_ns)
+        self._blinks = [each for each in (*self._blinks, *fresh.blinks) if each.time_ns > start_ns]
+        self._saccades = [each for each in (*self._saccades, *fresh.saccades) if each.time_ns > start_ns]
+
+    def _see(self, looks: Looks, until_ns: int, start_ns: int) -> None:
         """File for how long something could be told of each channel since the last update."""
-        known_s = {
-            name: 0.0 if look.problem else self._channels[name].known_s(self._decided_ns, until_ns)
-            for name, look in looks.items()
-        }
-        self._seen.append(Seen(until_ns, known_s.get("veog", 0.0), max(known_s.values())))
+        heog_s, veog_s = (
+            0.0 if look.problem else self._channels[name].known_s(self._decided_ns, until_ns)
+            for name, look in zip(CHANNELS, looks, strict=True)
+        )
+        self._seen.append(Seen(until_ns, veog_s, max(heog_s, veog_s)))
         self._seen = [seen for seen in self._seen if seen.until_ns > start_ns]
 
     def _seen_s(self, window_s: float) -> tuple[float, float]:
@@ -197,6 +238,9 @@ class EogStream:
         return float(np.sign(height)) if self._humps else np.nan
 
     def _wanders(self, end_ns: int, window_s: float) -> bool:
+        """Whether veog moves as noise does; without a blink that takes NOISE_AFTER_S to tell."""
+        if not self._blinks and window_s < NOISE_AFTER_S:
+            return False
         levels = self._channels["veog"].levels(end_ns, window_s)
         return wanders(levels, [height for _, height in self._humps])
 

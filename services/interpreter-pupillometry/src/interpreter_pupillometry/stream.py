@@ -50,6 +50,16 @@ class PupilUpdate(NamedTuple):
     reasons: tuple[str, ...]
 
 
+class _Window(NamedTuple):
+    """The settled samples of the window. overlapping: sizes, also of MOVING_S before it; missing: share of no pupil."""
+
+    seconds: float
+    times_ns: NDArray[np.int64]
+    pupils: features.Pupils
+    overlapping: Floats
+    missing: float
+
+
 class PupilStream:
     """A Step of the kit (sense4hri.step). Raises ValueError for a rate no tracker has, or without an eye."""
 
@@ -159,38 +169,42 @@ class PupilStream:
         return bool(self._still(end_ns).all() and self._stuck(end_ns).any())
 
     def _update(self, block: Block, gaps_ns: list[tuple[int, int]]) -> PupilUpdate:
-        window_s = block.window_s(self._config.window_s)
+        window = self._window(block)
+        problem = self._problem(window.pupils.size, block.end_ns)
+        if problem:
+            return self._nothing(block, window, gaps_ns, problem)
+        diameter, baseline = mean(window.pupils.size), self._baseline.value(self._since_s(block))
+        self._remember(block.end_ns, diameter)
+        noise = features.noise_of(self._cleaning.pupils.size) / diameter
+        trend = self._trend_per_min() / diameter
+        return PupilUpdate(
+            device_ns=block.device_ns,
+            received_ns=block.received_ns,
+            window_s=window.seconds,
+            unit=self._unit,
+            diameter_left=mean(window.pupils.left),
+            diameter_right=mean(window.pupils.right),
+            diameter=diameter,
+            baseline=baseline,
+            change=diameter - baseline,
+            change_percent=100 * (diameter - baseline) / baseline,
+            dilation_speed_per_s=features.slope_per_s(window.pupils.size, window.times_ns),
+            missing_ratio=window.missing,
+            signal_quality=features.quality(1 - window.missing, noise, trend),
+            extra=self._extra(block, gaps_ns, features.extremes(window.overlapping, self._fs_hz), baseline),
+            reasons=tuple(self._reasons(baseline, window.pupils, self._stuck(block.end_ns))),
+        )
+
+    def _window(self, block: Block) -> _Window:
         times_ns, pupils = self._cleaning.times_ns, self._cleaning.pupils
         end_ns = block.end_ns - round(DELAY_S * SECOND_NS)
         start_ns = end_ns - round(self._config.window_s * SECOND_NS)
         here = (times_ns > start_ns) & (times_ns <= end_ns)
         overlapping = (times_ns > start_ns - round(features.MOVING_S * SECOND_NS)) & (times_ns <= end_ns)
-        sizes = pupils.size[here]
-        missing = self._missing(pupils.valid[here], max(0.0, min(self._since_s(block) - DELAY_S, window_s)))
-        problem = self._problem(sizes, block.end_ns)
-        if problem:
-            return self._nothing(block, window_s, gaps_ns, missing, problem)
-        diameter, baseline = mean(sizes), self._baseline.value(self._since_s(block))
-        self._remember(block.end_ns, diameter)
-        noise = features.noise_of(pupils.size) / diameter
-        trend = self._trend_per_min() / diameter
-        return PupilUpdate(
-            device_ns=block.device_ns,
-            received_ns=block.received_ns,
-            window_s=window_s,
-            unit=self._unit,
-            diameter_left=mean(pupils.left[here]),
-            diameter_right=mean(pupils.right[here]),
-            diameter=diameter,
-            baseline=baseline,
-            change=diameter - baseline,
-            change_percent=100 * (diameter - baseline) / baseline,
-            dilation_speed_per_s=features.slope_per_s(sizes, times_ns[here]),
-            missing_ratio=missing,
-            signal_quality=features.quality(1 - missing, noise, trend),
-            extra=self._extra(block, gaps_ns, features.extremes(pupils.size[overlapping], self._fs_hz), baseline),
-            reasons=tuple(self._reasons(baseline, pupils, here, self._stuck(block.end_ns))),
-        )
+        seconds = block.window_s(self._config.window_s)
+        seen = features.Pupils(pupils.left[here], pupils.right[here], pupils.size[here], pupils.valid[here])
+        missing = self._missing(seen.valid, max(0.0, min(self._since_s(block) - DELAY_S, seconds)))
+        return _Window(seconds, times_ns[here], seen, pupils.size[overlapping], missing)
 
     @staticmethod
     def _since_s(block: Block) -> float:
@@ -257,15 +271,13 @@ class PupilStream:
             Feature("backward_stamps", "1", (float(self._forward.late()),)),
         )
 
-    def _reasons(
-        self, baseline: float, pupils: features.Pupils, here: NDArray[np.bool_], stuck: NDArray[np.bool_]
-    ) -> list[str]:
+    def _reasons(self, baseline: float, pupils: features.Pupils, stuck: NDArray[np.bool_]) -> list[str]:
         reasons = []
         if np.isnan(baseline):
             reasons.append(f"baseline, change need {NEEDS_S:g} s, or markers baseline_start and baseline_end")
         if self._baseline.failed:
             reasons.append(self._baseline.failed)
-        for side, sizes, frozen in (("left", pupils.left[here], stuck[0]), ("right", pupils.right[here], stuck[1])):
+        for side, sizes, frozen in (("left", pupils.left, stuck[0]), ("right", pupils.right, stuck[1])):
             if frozen:
                 reasons.append(f"diameter_{side}: frozen, the same size to the last digit for {FROZEN_S:g} s")
             elif not np.isfinite(sizes).any():
@@ -274,14 +286,11 @@ class PupilStream:
             reasons.append(f"uncalibrated: sizes are in {self._unit}, not in mm; change_percent is relative to them")
         return reasons
 
-    def _nothing(
-        self, block: Block, window_s: float, gaps_ns: list[tuple[int, int]], missing: float, problem: str
-    ) -> PupilUpdate:
+    def _nothing(self, block: Block, window: _Window, gaps_ns: list[tuple[int, int]], problem: str) -> PupilUpdate:
         nan, stamps = np.nan, (block.device_ns, block.received_ns)
+        unknown = nan, nan, nan, nan, nan, nan, nan
         extra = self._extra(block, gaps_ns, (nan, nan), nan)
-        return PupilUpdate(
-            *stamps, window_s, self._unit, nan, nan, nan, nan, nan, nan, nan, missing, 0.0, extra, (problem,)
-        )
+        return PupilUpdate(*stamps, window.seconds, self._unit, *unknown, window.missing, 0.0, extra, (problem,))
 
 
 def mean(sizes: Floats) -> float:

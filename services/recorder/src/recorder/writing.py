@@ -153,29 +153,37 @@ class Writing:
             if turn.target == old.target:
                 self.at = old._replace(problem="")
                 return
-        bag, problem = None, ""
-        if turn.target.kind is not Kind.NOTHING:
-            try:
-                bag = self._open(turn)
-            except OSError as err:
-                self._wish, self._retry_at_s = turn._replace(dropped=Counter()), time.monotonic() + RETRY_S
-                at = f" ({err.filename})" if err.filename else ""
-                problem = f"cannot record in {self._root}: {err.strerror}{at}"
-                if old.target.kind is Kind.BETWEEN:
-                    self.at = old._replace(problem=problem)
-                    return
+        bag, problem = self._begun(turn)
+        if problem and old.target.kind is Kind.BETWEEN:
+            self.at = old._replace(problem=problem)
+            return
         self.at = Written(turn.target if bag else NOTHING, bag, problem)
         if old.bag is not None:
             self._finish(old.bag)
         if bag is not None:
-            for channel, count in self._unwritten.items():
-                bag.accounts.lose(channel, count, DISK)
-            self._unwritten.clear()
-            if self._deleted:
-                bag.about.note(self._deleted)
-                bag.about.before = self._deleted
-            self._deleted = ""
+            self._tell_before(bag)
             self._opened(bag)
+
+    def _begun(self, turn: Turn) -> tuple[Bag | None, str]:
+        """The recording, None where there is to be none; or why it cannot be begun, which is tried again later."""
+        if turn.target.kind is Kind.NOTHING:
+            return None, ""
+        try:
+            return self._open(turn), ""
+        except OSError as err:
+            self._wish, self._retry_at_s = turn._replace(dropped=Counter()), time.monotonic() + RETRY_S
+            at = f" ({err.filename})" if err.filename else ""
+            return None, f"cannot record in {self._root}: {err.strerror}{at}"
+
+    def _tell_before(self, bag: Bag) -> None:
+        """Say in a new recording what came before it and is in none."""
+        for channel, count in self._unwritten.items():
+            bag.accounts.lose(channel, count, DISK)
+        self._unwritten.clear()
+        if self._deleted:
+            bag.about.note(self._deleted)
+            bag.about.before = self._deleted
+        self._deleted = ""
 
     def _open(self, turn: Turn) -> Bag:
         """Raises OSError."""
