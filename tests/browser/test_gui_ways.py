@@ -646,3 +646,23 @@ def test_a_value_that_is_missing_stands_among_those_computed(moving: Moving, new
     assert missing is not None
     assert device is not None
     assert missing["x"] + missing["width"] <= device["x"] + 1
+
+
+MARKED = """async () => {
+    const { Strip } = await import("/js/strip.js"), strip = new Strip(), to = 600000;
+    Object.assign(strip, { nowMs: to, markers: [{ at_ms: to / 2, human: "" }] });
+    const calm = { id: "p9", heart_rate: [], state: [[0, to, "calm_relaxed"]], expression: [] };
+    strip.trend({ span_s: to / 1000, participants: [calm] });
+    const canvas = strip.rows.querySelector("canvas"), c = canvas.getContext("2d");
+    const middle = Math.round(canvas.width / 2);
+    const differs = (y) => [-1, 0, 1].some((dx) => {
+        const [here, beside] = [middle + dx, middle + 40].map((x) => [...c.getImageData(x, y, 1, 1).data]);
+        return here.join() !== beside.join();
+    });
+    return [differs(4), differs(canvas.height - 12)];
+}"""
+
+
+def test_a_marker_does_not_go_through_the_words_of_a_state(lab: Lab, new_page: OpenPage) -> None:
+    """In the last minutes it stands below them."""
+    assert streaming(new_page(lab.address)).evaluate(MARKED) == [False, True]

@@ -82,7 +82,7 @@ export class Strip {
     for (const marker of this.markers) {
       if (marker.human && marker.human !== participant.id) continue;
       c.beginPath();
-      c.moveTo(x(marker.at_ms), 0);
+      c.moveTo(x(marker.at_ms), low ? 0 : band); // not through the words of a state
       c.lineTo(x(marker.at_ms), height);
       c.stroke();
     }
