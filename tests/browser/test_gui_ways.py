@@ -590,6 +590,9 @@ def test_a_dialog_is_as_large_as_what_is_in_it(lab: Lab, new_page: OpenPage, siz
     for key, dialog in (("?", "#help"), ("l", "#log"), ("g", "#start"), ("n", "#note")):
         page.keyboard.press(key)
         expect(page.locator(dialog)).to_be_visible()
+        if dialog == "#start":  # a list that is scrolled
+            page.locator("#start-more-humans").fill(" ".join(f"q{number}" for number in range(30)))
+            expect(page.locator("#preflight li").filter(has_text="q29")).to_be_attached()
         below, beyond, scrolled = page.locator(dialog).evaluate(ENDS)
         assert below < 60, dialog
         assert beyond == 0, dialog
