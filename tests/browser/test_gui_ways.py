@@ -587,7 +587,7 @@ ENDS = """(dialog) => {
 def test_a_dialog_is_as_large_as_what_is_in_it(lab: Lab, new_page: OpenPage, size: tuple[int, int]) -> None:
     """It opens at its top, ends with its buttons and is never wider than it is seen."""
     page = streaming(new_page(lab.address, "dark", size))
-    for key, dialog in (("?", "#help"), ("l", "#log"), ("g", "#start"), ("n", "#note")):
+    for key, dialog in (("?", "#help"), ("l", "#log"), ("g", "#start")):
         page.keyboard.press(key)
         expect(page.locator(dialog)).to_be_visible()
         if dialog == "#start":  # a list that is scrolled
