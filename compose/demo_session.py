@@ -8,10 +8,10 @@ from typing import Any
 import yaml
 from rclpy.client import Client
 from sense4hri import qos
-from sense4hri.names import StreamName
 from sense4hri.stamps import from_ns, to_ns
 from sense4hri_msgs.msg import Marker, SessionState
 from sense4hri_msgs.srv import StartSession, StopSession
+from short_names import short
 from study_file import Study
 from study_watch import StudyWatch
 
@@ -100,7 +100,7 @@ class DemoSession:
             return  # the end of an earlier session, which the coordinator still tells
         self.directory = state.directory or self.directory
         recording = state.phase == SessionState.RECORDING
-        self._waiting = tuple(_short(entry) for entry in state.waiting_for) if not recording else ()
+        self._waiting = tuple(short(entry) for entry in state.waiting_for) if not recording else ()
         if recording and not self.start_ns:
             self.start_ns = to_ns(state.start_at)
             self._say(f"session {self.session_id}: records, into {self.directory or 'a folder not yet known'}")
@@ -133,10 +133,3 @@ def recorded(directory: str) -> dict[str, Any]:
     except OSError:
         return {"directory": directory}
     return {"directory": directory, "messages": known["rosbag2_bagfile_information"]["message_count"]}
-
-
-def _short(entry: str) -> str:
-    """Return an entry of waiting_for with `p1/ecg/h10_1` in place of the whole topic."""
-    topic, colon, why = entry.partition(":")
-    parsed = StreamName.parse(topic)
-    return ("/".join(parsed[0]) if parsed else topic) + colon + why

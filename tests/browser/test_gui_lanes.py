@@ -364,3 +364,49 @@ def test_the_edge_of_a_slow_replay_goes_on_as_slowly(new_page: OpenPage) -> None
         page = new_page(lab.address)
         page.wait_for_function("() => globalThis.sense4hri?.lanes.asked[0]?.drawable")
         assert page.evaluate(BACK_MS) < 100
+
+
+class Moved(Lab):
+    """A strap with an accelerometer, of which somebody may compute the intensity."""
+
+    intensity: float | None = None
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Let so much of its signal end at a time."""
+        name = StreamName("p1", "accelerometer", "h10_1")
+        stream = self.give(name, "m/s^2", ("x", "y", "z"), waves(at_ns, seconds, 3), at_ns)
+        if self.intensity is not None:
+            stream.take_features({"intensity_m_per_s2": self.intensity, "extra": [], "reasons": []}, at_ns)
+
+
+def test_what_nobody_computes_takes_no_room(new_page: OpenPage) -> None:
+    """Below an acceleration without an interpreter stands nothing; its intensity has a place as soon as it is told."""
+    with Moved() as lab:
+        page = new_page(lab.address)
+        page.wait_for_function("() => globalThis.sense4hri?.lanes.asked[0]?.drawable")
+        lane = page.locator(".lane")
+        expect(lane).not_to_have_attribute("data-foot", "")
+        lab.intensity = 0.3
+        expect(lane).to_have_attribute("data-foot", "")
+
+
+REACH = """async ([unit, ranges]) => {
+    const { Field } = await import("/js/field.js"), field = new Field(unit);
+    field.grow(ranges, []);
+    return [field.reach(0), field.reach(1)];
+}"""
+
+
+@pytest.mark.parametrize(
+    ("unit", "ranges", "said"),
+    [
+        ("°", [[-17, 12], [-9, 8]], ["x −20 to 20 °", "y 10 to −10 °"]),
+        ("px", [[100, 1900], [50, 980]], ["x 0 to 2000 px", "y 0 to 1000 px"]),
+        ("1", [[0.2, 0.9], [0.1, 0.8]], ["x 0 to 1", "y 0 to 1"]),
+    ],
+)
+def test_the_field_of_the_gaze_says_how_far_it_reaches(
+    lab: Lab, new_page: OpenPage, unit: str, ranges: list[list[float]], said: list[str]
+) -> None:
+    """From left to right and from its upper edge down: in degrees up is up, on a screen down counts."""
+    assert new_page(lab.address).evaluate(REACH, [unit, ranges]) == said

@@ -574,3 +574,98 @@ def test_long_names_take_no_room_of_others(new_page: OpenPage) -> None:
         expect(page.locator("#preflight .check-name").filter(has_text="p" * 63)).to_be_visible()
         cut = "(boxes) => boxes.filter((box) => box.scrollWidth > box.clientWidth).map((box) => box.textContent)"
         assert page.locator("#start .boxes label, #preflight").evaluate_all(cut) == []
+
+
+ENDS = """(dialog) => {
+    const last = Math.max(...[...dialog.querySelectorAll('button')].map((one) => one.getBoundingClientRect().bottom));
+    const below = dialog.getBoundingClientRect().top + dialog.scrollHeight - dialog.scrollTop - last;
+    return [below, dialog.scrollWidth - dialog.clientWidth, dialog.scrollTop];
+}"""
+
+
+@pytest.mark.parametrize("size", [(1280, 900), (390, 844), (360, 740)])
+def test_a_dialog_is_as_large_as_what_is_in_it(lab: Lab, new_page: OpenPage, size: tuple[int, int]) -> None:
+    """It opens at its top, ends with its buttons and is never wider than it is seen."""
+    page = streaming(new_page(lab.address, "dark", size))
+    for key, dialog in (("?", "#help"), ("l", "#log"), ("g", "#start")):
+        page.keyboard.press(key)
+        expect(page.locator(dialog)).to_be_visible()
+        if dialog == "#start":  # a list that is scrolled
+            page.locator("#start-more-humans").fill(" ".join(f"q{number}" for number in range(30)))
+            expect(page.locator("#preflight li").filter(has_text="q29")).to_be_attached()
+        below, beyond, scrolled = page.locator(dialog).evaluate(ENDS)
+        assert below < 60, dialog
+        assert beyond == 0, dialog
+        assert scrolled == 0, dialog
+        page.keyboard.press("Escape")
+        expect(page.locator(dialog)).to_be_hidden()
+
+
+def test_the_study_of_the_session_before_is_offered(new_page: OpenPage) -> None:
+    """Whoever starts the next session of a study need not type its name once more."""
+    with Four() as lab:
+        page = streaming(new_page(lab.address))
+        lab.study.session.take_state({"session_id": "s1", "study": "trust", "phase": 2})
+        expect(page.locator("#study-name")).to_have_text("study “trust”")
+        lab.study.session.take_state({})
+        expect(page.locator("#session-button")).to_contain_text("Start")
+        page.keyboard.press("g")
+        expect(page.locator("#start-study")).to_have_value("trust")
+
+
+SCALE = """async (rates) => {
+    const { Strip } = await import("/js/strip.js"), strip = new Strip();
+    const heart_rate = rates.map((rate, second) => [1000 * second, rate]);
+    strip.trend({ span_s: 600, participants: [{ id: "p1", heart_rate, state: [], expression: [] }] });
+    return strip.rows.querySelector(".strip-scale").textContent;
+}"""
+
+
+@pytest.mark.parametrize(
+    ("rates", "said"), [([64, 82], "110\n50 bpm"), ([44.4, 131.6], "132\n44 bpm"), ([None], ""), ([], "")]
+)
+def test_the_heart_rate_of_the_last_minutes_has_an_axis(
+    lab: Lab, new_page: OpenPage, rates: list[float | None], said: str
+) -> None:
+    """Its upper and lower end stand beside the line; without a heart rate there is none."""
+    assert new_page(lab.address).evaluate(SCALE, rates) == said
+
+
+def test_a_value_that_is_missing_stands_among_those_computed(moving: Moving, new_page: OpenPage) -> None:
+    """Its `–` is not taken for the device's; a share has no unit, and what has one has it as the field writes it."""
+    moving.extra = [
+        {"name": name, "unit": unit, "values": [0.5]}
+        for name, unit in (("missing_samples", "1"), ("saccade_rate", "1/min"), ("velocity", "deg/s"))
+    ]
+    page = three(new_page(moving.address))
+    row = "#details tr"
+    for name, unit in (("missing samples", ""), ("saccade rate", " /min"), ("velocity", " °/s")):
+        expect(page.locator(row, has_text=name).locator(".unit")).to_have_text(unit, use_inner_text=False)
+    stream = moving.study.streams[StreamName("p1", "ecg", "h10_1")]
+    stream.take_reported({"heart_rate": 64.0}, moving.site.page.now_ns())
+    expect(page.locator(row, has_text="heart rate").locator(".device")).to_have_text("64")
+    missing = page.locator(row, has_text="SDNN").locator(".missing").bounding_box()
+    device = page.locator(row, has_text="missing samples").locator(".device").bounding_box()
+    assert missing is not None
+    assert device is not None
+    assert missing["x"] + missing["width"] <= device["x"] + 1
+
+
+MARKED = """async () => {
+    const { Strip } = await import("/js/strip.js"), strip = new Strip(), to = 600000;
+    Object.assign(strip, { nowMs: to, markers: [{ at_ms: to / 2, human: "" }] });
+    const calm = { id: "p9", heart_rate: [], state: [[0, to, "calm_relaxed"]], expression: [] };
+    strip.trend({ span_s: to / 1000, participants: [calm] });
+    const canvas = strip.rows.querySelector("canvas"), c = canvas.getContext("2d");
+    const middle = Math.round(canvas.width / 2);
+    const differs = (y) => [-1, 0, 1].some((dx) => {
+        const [here, beside] = [middle + dx, middle + 40].map((x) => [...c.getImageData(x, y, 1, 1).data]);
+        return here.join() !== beside.join();
+    });
+    return [differs(4), differs(canvas.height - 12)];
+}"""
+
+
+def test_a_marker_does_not_go_through_the_words_of_a_state(lab: Lab, new_page: OpenPage) -> None:
+    """In the last minutes it stands below them."""
+    assert streaming(new_page(lab.address)).evaluate(MARKED) == [False, True]

@@ -1,9 +1,11 @@
 """`sense4hri-session`: what it makes of what it hears."""
 
+import time
 from argparse import Namespace
 from types import SimpleNamespace
 
 import pytest
+from sense4hri.stamps import from_ns
 from sense4hri_msgs.msg import SessionState
 from session_coordinator import cli
 
@@ -59,3 +61,17 @@ def test_what_services_say_of_themselves_is_one_line_on_the_terminal(capsys):
     said.waiting_for = ["recorder: none\n\x1b[2JIDLE"]
     cli.status(Line(said), Namespace())
     assert capsys.readouterr().out.endswith("waiting for recorder: none␊␛[2JIDLE\n")
+
+
+@pytest.mark.parametrize(
+    ("ahead_s", "begins", "waits"), [(30, "begins at", False), (-30, "since", True)], ids=["ahead", "over"]
+)
+def test_nobody_is_missing_before_the_announced_moment(ahead_s, begins, waits, capsys):
+    """When it is announced nobody has answered yet; who is missing from that moment on is named."""
+    said = state("RECORDING", "s1")
+    said.start_at = from_ns(time.time_ns() + ahead_s * 10**9)
+    said.waiting_for = ["clock_sync: no answer yet"]
+    cli.status(Line(said), Namespace())
+    told = capsys.readouterr().out
+    assert begins in told
+    assert ("clock_sync" in told) is waits

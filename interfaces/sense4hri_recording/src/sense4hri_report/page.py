@@ -107,6 +107,7 @@ def _head_facts(summary: Json) -> Iterable[tuple[str, str]]:
 def _timeline(summary: Json, found: Findings) -> str:
     keys = [
         ("background:linear-gradient(90deg,var(--ecg),var(--ppg))", "samples, in the modality's colour"),
+        ("background:var(--ecg);opacity:.4", "before the start, after the stop"),
         ("background:var(--hole)", "missing"),
         ("background:var(--bad);width:9px;border-radius:0;transform:rotate(45deg) scale(.8)", "restart, clock set"),
         (

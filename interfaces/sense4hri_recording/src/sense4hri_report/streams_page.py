@@ -39,7 +39,7 @@ def stream_table(summary: Json) -> str:
         "twice",
         "disordered",
         "resets",
-        "on the way",
+        "lost on the way",
     ]
     cells = "".join(f'<th class="{"n" if i > 1 else ""}">{head}</th>' for i, head in enumerate(heads))
     rows = "".join(_stream_row(entry, i) for i, entry in enumerate(summary["streams"]))
@@ -60,7 +60,7 @@ def _stream_row(entry: Json, i: int) -> str:
     disordered = (entry.get("reordered", 0) + entry.get("backwards", 0)) if raw else None
     return (
         f'<tr><td class="t">{chip(entry["verdict"])}</td>'
-        f'<td><span class="dot" style="{colour(sensor_type(entry))}"></span>'
+        f'<td class="stream-name"><span class="dot" style="{colour(sensor_type(entry))}"></span>'
         f'<a href="#s{i}">{escape(entry["stream"])}</a>{required}</td>'
         f'<td class="n">{in_hz(entry.get("declared_hz"))}</td><td class="n">{in_hz(entry.get("measured_hz"))}</td>'
         f'<td class="n">{"" if coverage is None else f"{per_cent(coverage)} %"}</td>'
@@ -126,7 +126,7 @@ def _quality_facts(entry: Json) -> Iterable[tuple[str, str]]:
     if times and times["models"]:
         uncertainty = times["uncertainty_s"]
         width = f"±{uncertainty['median'] * 1e3:.1f} ms" if uncertainty else UNKNOWN
-        yield "clock", f"{width}, locked {times['locked_share'] or 0:.0%}"
+        yield "clock", f"{width}, locked {100 * (times['locked_share'] or 0):.0f} %"
         if times["skew_ppm"] is not None:
             yield "skew", f"{times['skew_ppm']:+.1f} ppm".replace("-", "−")
         yield "clock segments", str(len(times["segments"]))
@@ -139,7 +139,7 @@ def _quality_facts(entry: Json) -> Iterable[tuple[str, str]]:
     if battery:
         yield "battery", f"{battery['first']:.0f} → {battery['last']:.0f} %"
     if entry.get("contact"):
-        yield "on the skin", f"{entry['contact']['share']:.0%}"
+        yield "on the skin", f"{100 * entry['contact']['share']:.0f} %"
 
 
 def _gap_table(entry: Json) -> str:

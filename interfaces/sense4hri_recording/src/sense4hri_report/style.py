@@ -52,7 +52,8 @@ th,td{padding:6px 12px 6px 0;border-bottom:1px solid var(--line);vertical-align:
 tr:last-child td{border-bottom:0}
 td.n,th.n{text-align:right;white-space:nowrap}
 td.t{white-space:nowrap}
-td.fill{width:100%}
+td.fill{width:100%;min-width:200px}
+td.stream-name{min-width:215px}
 td.zero{color:var(--muted)}
 td.hit{color:var(--bad);font-weight:600}
 td code,dd code{font-size:12px}

@@ -148,9 +148,11 @@ def _differs_from(line: SessionLine, state: SessionState | None) -> Callable[[],
 
 def _said(state: SessionState) -> str:
     parts = [PHASES.get(state.phase, str(state.phase)), state.session_id, state.detail]
+    begins = state.phase == SessionState.RECORDING and time.time_ns() < to_ns(state.start_at)
     if state.phase == SessionState.RECORDING:
-        parts.append(f"since {time.strftime('%H:%M:%S', time.localtime(to_ns(state.start_at) / 1e9))}")
-    if state.waiting_for:
+        at = time.strftime("%H:%M:%S", time.localtime(to_ns(state.start_at) / 1e9))
+        parts.append(f"begins at {at}" if begins else f"since {at}")
+    if state.waiting_for and not begins:  # until then everybody has only been told, and nobody has answered yet
         parts.append("waiting for " + "; ".join(state.waiting_for))
     return plain("  ".join(part for part in parts if part))
 

@@ -84,11 +84,17 @@ READINGS: dict[str, tuple[Reading, ...]] = {
 }
 STANDARD = ("header", "device_timestamp", "window_s", "signal_quality", "extra", "reasons")  # of every features message
 _DISPLAY = {"uV": "µV", "uS": "µS", "uT": "µT", "m/s^2": "m/s²", "degC": "°C", "deg": "°"}
+_DISPLAY_BESIDE = {"1": "", "1/min": "/min", "deg/s": "°/s"}
 
 
 def display_unit(unit: str) -> str:
     """Return a canonical unit as a reader expects it: `uV` is shown as `µV`."""
     return _DISPLAY.get(unit, unit)
+
+
+def unit_beside(unit: str) -> str:
+    """Return a unit as it stands beside a number: a share has none, of `1/min` the number is the 1."""
+    return _DISPLAY_BESIDE.get(unit, display_unit(unit))
 
 
 def rows(sensor_type: str, features: Plain, device: Mapping[str, float]) -> list[dict[str, Any]]:

@@ -13,7 +13,7 @@ from web_gui import preflight
 from web_gui.drawn import DERIVED, EVENTS
 from web_gui.model import Moment, Study
 from web_gui.problem_log import Entry, ProblemLog
-from web_gui.readings import display_unit, further_reasons, number, rows
+from web_gui.readings import display_unit, further_reasons, number, rows, unit_beside
 from web_gui.steady import Steady
 from web_gui.stream import CLOCK_STATES, Stream
 from web_gui.view import MOST_CHANNELS
@@ -205,7 +205,7 @@ def _extra(features: Mapping[str, Any] | None) -> list[Json]:
     if features is None:
         return []
     return [
-        {"name": str(item["name"]), "value": number(item["values"]), "unit": display_unit(item["unit"])}
+        {"name": str(item["name"]), "value": number(item["values"]), "unit": unit_beside(item["unit"])}
         for item in features.get("extra", ())[:MOST_EXTRA]
         if item["name"] not in EVENTS
     ]

@@ -68,7 +68,7 @@ export class Details {
     }, (element, row) => {
       value(element.parts.value, row.value === null ? null : row.digits === null ? plain(row.value) : fixed(row.value, row.digits), row.reason);
       text(element.parts.unit, row.value === null || !row.unit ? "" : ` ${row.unit}`);
-      text(element.parts.why, row.value === null ? row.reason : "");
+      text(element.parts.why, row.value === null ? row.reason.replaceAll(/(?<=\d) (?=s\b)/g, "\u00a0") : ""); // no line ends before its unit
       const wide = row.value === null && row.device === null; // then the reason has the room of the device's value
       element.parts.device.hidden = wide;
       attribute(element.children[1], "colspan", wide ? 2 : null);

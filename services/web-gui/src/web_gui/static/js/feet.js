@@ -144,15 +144,16 @@ function screen(/** @type {Brush} */ brush, /** @type {Kinds} */ kinds, /** @typ
   c.lineWidth = 1;
   c.strokeRect(left + 0.5, top + 0.5, width, height);
   const text = left + width + 8 * pen.ratio, said = [
-    `${field.corner(0)} ↖ ↘ ${field.corner(1)}`, `last ${LOOK_BACK_MS / 1000} s`, "○ area: duration",
-    seen.length ? `${seen.length} fixations` : "no fixation", seen.length ? `newest ${fixed(seen.at(-1).to - seen.at(-1).from, 0)} ms` : "",
+    `→ ${field.reach(0)}`, `↓ ${field.reach(1)}`, `gaze of the last ${LOOK_BACK_MS / 1000} s`,
+    seen.length ? `${seen.length} fixation${seen.length > 1 ? "s" : ""}, the longer the larger` : "no fixation", seen.length ? `newest ${fixed(seen.at(-1).to - seen.at(-1).from, 0)} ms` : "",
   ];
   said.forEach((one, i) => label(brush, one, text, top + (8 + 15 * i) * pen.ratio));
 }
 
-/** @type {Object<string, {css: number, timed: boolean, draw: (brush: Brush, kinds: Kinds, box: Box) => void}>} */
+/** `computed`: it shows features alone, so without an interpreter it takes no room.
+ * @type {Object<string, {css: number, timed: boolean, computed: boolean, draw: (brush: Brush, kinds: Kinds, box: Box) => void}>} */
 export const FEET = {
-  bands: { css: 52, timed: true, draw: bands },
-  area: { css: 34, timed: true, draw: area },
-  screen: { css: 132, timed: false, draw: screen },
+  bands: { css: 52, timed: true, computed: true, draw: bands },
+  area: { css: 34, timed: true, computed: true, draw: area },
+  screen: { css: 132, timed: false, computed: false, draw: screen },
 };

@@ -48,9 +48,10 @@ export class Field {
     return this.centred ? 1 - share : share;
   }
 
-  /** What the upper left (0) or the lower right corner (1) is. */
-  corner(/** @type {0|1} */ which) {
-    const [x, y] = this.ranges;
-    return `${fixed(x[which], 0)}, ${fixed(y[this.centred ? 1 - which : which], 0)}${which ? ` ${this.unit}` : ""}`.trimEnd();
+  /** What an axis of the field reaches over: x (0) from left to right, y (1) from its upper edge to its lower one. */
+  reach(/** @type {0|1} */ axis) {
+    const [low, high] = this.ranges[axis].map((v) => fixed(v, 0));
+    const turned = axis === 1 && this.centred;
+    return `${axis ? "y" : "x"} ${turned ? high : low} to ${turned ? low : high} ${this.unit}`.trimEnd();
   }
 }

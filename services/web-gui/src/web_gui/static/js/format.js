@@ -52,7 +52,7 @@ export function offset(/** @type {number} */ seconds) {
   if (size < 1) return `${fixed(seconds * 1000, 1)} ms`;
   if (size < 3600) return `${fixed(seconds, 3)} s`;
   if (size < 86400 * 3) return `${fixed(seconds / 3600, 1)} h`;
-  return `device clock counts from another epoch (${fixed(seconds / 86400, 0)} days)`;
+  return `other epoch (${fixed(seconds / 86400, 0)} d)`;
 }
 
 /** calm_relaxed -> calm relaxed */

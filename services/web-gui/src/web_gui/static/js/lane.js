@@ -74,7 +74,7 @@ export class Lane {
     const bad = (qualities) => qualities?.map((quality) => quality !== null && worth(quality) === "bad").join();
     if (bad(this.stream?.qualities) !== bad(stream.qualities)) this.stale = true;
     this.stream = stream;
-    this.foot = this.compact ? null : FEET[stream.drawn.map(({ how }) => WAYS[how].foot).find((foot) => foot)] ?? null;
+    this.foot = this.footOf(stream);
     text(this.title, stream.label);
     text(this.label, ` ${[stream.sensor, this.whichChannels(), stream.unit || "unit unknown"].filter((one) => one).join(" · ")}`);
     const silent = !["streaming", "derived"].includes(stream.status);
@@ -83,6 +83,12 @@ export class Lane {
     attribute(this.button, "aria-label", `${stream.human} ${stream.type} ${stream.sensor}, ${stream.status}${this.poor()}${why ? `, ${why}` : ""}`);
     this.element.classList.toggle("silent", silent);
     this.shape();
+  }
+
+  /** What stands below the signal. */
+  footOf({ drawn, interpreted }) {
+    const foot = this.compact ? null : FEET[drawn.map(({ how }) => WAYS[how].foot).find((one) => one)] ?? null;
+    return foot?.computed && !interpreted ? null : foot;
   }
 
   /** Draw the signal alone, below a smaller label. */

@@ -41,7 +41,7 @@ export class Markers {
     this.keys = message.marker_keys;
     keyed(byId("marker-buttons"), this.keys, nameOf, (marker) => this.button(marker), () => {});
     keyed(byId("marker-help"), this.keys, nameOf, (marker) =>
-      h("div", {}, h("dt", {}, h("kbd", {}, shown(marker.key))), h("dd", {}, `marker ${words(marker.name)}`)), () => {});
+      h("div", {}, h("dt", {}, h("kbd", {}, shown(marker.key))), h("dd", {}, words(marker.name))), () => {});
   }
 
   button(marker) {

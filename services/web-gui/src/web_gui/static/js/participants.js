@@ -4,6 +4,11 @@ import { h, s, keyed, text, attribute, value, byId } from "./dom.js";
 import { fixed, words } from "./format.js";
 import { STATE_SIGNS, kind, sign } from "./status.js";
 
+/** Show a name that is broken behind its underscores, where it is too long for one line. */
+function named(/** @type {Element} */ element, /** @type {string} */ name) {
+  if (element.textContent !== name) element.replaceChildren(...name.split(/(?<=_)/).flatMap((part) => [part, h("wbr")]));
+}
+
 const SPARK_W = 100, SPARK_H = 26;
 
 export class Participants {
@@ -78,7 +83,7 @@ export class Participants {
       const { mark, name, types } = item.parts;
       text(mark, sign(sensor.status));
       attribute(item.button, "data-kind", kind(sensor.status));
-      text(name, sensor.id);
+      named(name, sensor.id);
       const word = sensor.status === "streaming" || sensor.status === "derived" ? "" : sensor.status;
       text(item.parts.word, word);
       attribute(item.button, "aria-label", `${sensor.id}: ${sensor.status}`);

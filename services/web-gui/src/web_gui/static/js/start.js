@@ -21,6 +21,7 @@ export class StartDialog {
     this.connection = connection;
     this.dialog = /** @type {HTMLDialogElement} */ (byId("start"));
     this.study = null;
+    this.studyName = "";
     /** @type {Map<string, boolean>} what the reader has ticked by hand */
     this.people = new Map();
     this.streams = new Map();
@@ -34,13 +35,14 @@ export class StartDialog {
   /** Take the study message: live streams come and go while the dialog is open. */
   update(study) {
     this.study = study;
+    this.studyName = study.session.study || this.studyName; // of a session that is over nobody says it any more
     if (this.dialog.open) this.fill();
   }
 
   open() {
     this.people.clear();
     this.streams.clear();
-    input("start-study").value ||= this.study.session.study || localStorage.getItem(KEPT) || "";
+    input("start-study").value ||= this.studyName || localStorage.getItem(KEPT) || "";
     input("start-session").value = "";
     this.say("");
     this.fill();

@@ -1,12 +1,19 @@
 // The last minutes: state, expression, heart rate and markers of everyone.
 
 import { h, keyed, attribute, text, byId } from "./dom.js";
-import { span, words } from "./format.js";
+import { fixed, span, words } from "./format.js";
 import { pens } from "./theme.js";
 import { STATE_SIGNS } from "./status.js";
 
 const PARTS = 5; // between its ticks
 const LOW_PX = 30; // a lower row has room for the states alone
+const USUAL_BPM = [50, 110]; // the heart rate's axis reaches at least from here to there
+
+/** @returns {[number, number]|null} the heart rate's axis of a participant in bpm, null where there is no heart rate */
+function axisOf(/** @type {{heart_rate: [number, number|null][]}} */ participant) {
+  const rates = participant.heart_rate.map(([, rate]) => rate).filter((rate) => rate !== null);
+  return rates.length ? [Math.min(USUAL_BPM[0], ...rates), Math.max(USUAL_BPM[1], ...rates)] : null;
+}
 
 export class Strip {
   constructor() {
@@ -30,8 +37,12 @@ export class Strip {
     for (let part = PARTS; part > 0; part--) text(this.ticks.children[PARTS - part], `−${this.since(part / PARTS)}`);
     keyed(this.rows, message.participants, (p) => p.id, (p) => {
       const canvas = h("canvas", { role: "img" });
-      return Object.assign(h("div", { class: "strip-row" }, h("span", { class: "strip-name" }, p.id), canvas), { canvas });
-    }, (row, p) => attribute(row.canvas, "aria-label", this.summary(p)));
+      const scale = h("span", { class: "strip-scale", "aria-hidden": "true" });
+      return Object.assign(h("div", { class: "strip-row" }, h("span", { class: "strip-name" }, p.id), canvas, scale), { canvas, scale });
+    }, (row, p) => {
+      attribute(row.canvas, "aria-label", this.summary(p));
+      text(row.scale, axisOf(p)?.map((rate) => fixed(rate, 0)).reverse().join("\n").concat(" bpm") ?? "");
+    });
     this.draw();
   }
 
@@ -71,7 +82,7 @@ export class Strip {
     for (const marker of this.markers) {
       if (marker.human && marker.human !== participant.id) continue;
       c.beginPath();
-      c.moveTo(x(marker.at_ms), 0);
+      c.moveTo(x(marker.at_ms), low ? 0 : band); // not through the words of a state
       c.lineTo(x(marker.at_ms), height);
       c.stroke();
     }
@@ -111,9 +122,9 @@ export class Strip {
   }
 
   heartRate(c, points, x, band, height, ratio, colours) {
-    const rates = points.map(([, v]) => v).filter((v) => v !== null);
-    if (!rates.length) return;
-    const low = Math.min(50, ...rates), high = Math.max(110, ...rates);
+    const axis = axisOf({ heart_rate: points });
+    if (!axis) return;
+    const [low, high] = axis;
     const top = band + 4 * ratio, bottom = height - 15 * ratio;
     c.strokeStyle = colours.text;
     c.lineWidth = 1.5 * ratio;
