@@ -36,6 +36,7 @@ KEPT = Path(__file__).resolve().parents[2] / "build" / "bench"
 POINTS = tuple(map(int, os.environ.get("SCALING", "2,8,16,24").split(",")))
 STEP_S, ALIKE, LONGEST_SETTLE_S = 10.0, 0.1, 150.0  # settled: two steps cost alike, and the cores are not full
 MEASURE_S, LONGEST_START_S = 20.0, 400.0
+WORK, WORK_EVERY_S = range(20_000), 0.05  # to be added up: some 0.4 ms, 1 % of a core
 TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 SERVICES = ("interpreter_ecg", "interpreter_ppg", "clock_sync", "recorder", "web_gui")
 OTHERS = ("fusion_affect", "metadata_registry", "session_coordinator")
@@ -49,6 +50,7 @@ class Point(NamedTuple):
 
     lost: packets while it was measured; lost_before: since the study began, most of them while others started.
     began_ns, ended_ns: on this host's clock. behind: what is told of streams without all their packets in that time.
+    work_ms: the CPU time that one and the same work took meanwhile, NaN where that is not known.
     """
 
     participants: int
@@ -60,6 +62,7 @@ class Point(NamedTuple):
     began_ns: int
     ended_ns: int
     behind: tuple[str, ...] = ()
+    work_ms: float = math.nan
 
     @property
     def own(self) -> float:
@@ -116,14 +119,15 @@ class Study:
         self._settle(pids)
         lost_before, began_ns = self._lost(), time.time_ns()
         before, busy, at = self._used(pids), _busy_s(), time.monotonic()
-        time.sleep(MEASURE_S)
+        work_ms = worked_ms(MEASURE_S)
         took_s, after, busy_s = time.monotonic() - at, self._used(pids), _busy_s() - busy
         ended_ns = time.time_ns()
         percent = {name: 100 * (after[name] - before[name]) / took_s for name in pids}
         machine = busy_s / took_s / (os.cpu_count() or 1)
         lost = self._lost() - lost_before
         size = tuple(own_and_proportional_mib(child.pid)[1] for child in self.drivers)
-        return Point(len(self.drivers) // 2, percent, machine, lost, lost_before, size, began_ns, ended_ns)
+        participants = len(self.drivers) // 2
+        return Point(participants, percent, machine, lost, lost_before, size, began_ns, ended_ns, work_ms=work_ms)
 
     def counted(self, point: Point) -> Point:
         """Return a point with what is behind in the recording; once the study has ended."""
@@ -206,6 +210,20 @@ def cpu_s(pid: int) -> float:
     """Return the CPU that a process has used so far, in s."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / TICKS_PER_S
+
+
+def worked_ms(seconds: float) -> float:
+    """Do the same small work again and again for so long, and return the CPU time that one takes, in ms.
+
+    Two threads of one core take more of it the busier the other one is, and a machine that others share at any time.
+    """
+    deadline, used_s, times = time.monotonic() + seconds, 0.0, 0
+    while time.monotonic() < deadline or not times:
+        begun_s = time.thread_time()
+        sum(WORK)
+        used_s, times = used_s + time.thread_time() - begun_s, times + 1
+        time.sleep(WORK_EVERY_S)
+    return 1e3 * used_s / times
 
 
 def _busy_s() -> float:
@@ -297,14 +315,29 @@ def _service_row(name: str, found: list[Point]) -> dict[str, Any]:
     costs = _added(found, name)
     mean = sum(costs) / len(costs) if costs else 0.0
     even = all(abs(cost - mean) <= 0.2 * mean for cost in costs) if len(costs) > 1 else None
-    return _row(_per_added(name), "even within 20 %", _listed(costs) + trend(costs, even), even)
+    measured = _listed(costs) + trend(costs, even) + _at_one_speed(found, name)
+    return _row(_per_added(name), "even within 20 %", measured, even)
 
 
 def _added(found: list[Point], name: str) -> list[float]:
     """Its cost per added participant, from point to point, in % of a core."""
+    return _slopes(found, [point.percent[name] for point in found])
+
+
+def _at_one_speed(found: list[Point], name: str) -> str:
+    """The same, were all points measured on cores as fast as those of the first one; empty where that is not known."""
+    slower = [point.work_ms / found[0].work_ms for point in found]
+    if len(found) < 2 or not all(map(math.isfinite, slower)):
+        return ""
+    costs = _slopes(found, [point.percent[name] / times for point, times in zip(found, slower, strict=True)])
+    told = ", ".join(f"{times:.2f}" for times in slower)
+    return f"; by the speed of the first point ({told} times the CPU for one work): {_listed(costs)}"
+
+
+def _slopes(found: list[Point], percent: list[float]) -> list[float]:
     return [
-        (after.percent[name] - before.percent[name]) / (after.participants - before.participants)
-        for before, after in pairwise(found)
+        (more - less) / (after.participants - before.participants)
+        for (before, less), (after, more) in pairwise(zip(found, percent, strict=True))
     ]
 
 

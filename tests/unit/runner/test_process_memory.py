@@ -63,3 +63,20 @@ def test_a_cost_that_is_not_even_says_which_way_it_goes(costs, said):
     points = [bench_scaling.Point(n, {"x": percent}, 0.0, 0, 0, (), 0, 0) for n, percent in enumerate(percents)]
     row = bench_scaling._service_row("x", points)
     assert (row["ok"], row["measured"].partition(" % of a core")[2]) == said
+
+
+def test_a_cost_is_told_by_the_speed_of_the_first_point_too():
+    """Cores that take twice the CPU for one work make a study look twice as dear; not known, it is not told."""
+    points = [
+        bench_scaling.Point(n, {"x": percent}, 0.0, 0, 0, (), 0, 0, work_ms=work_ms)
+        for n, percent, work_ms in ((0, 1.0, 0.4), (10, 6.0, 0.4), (20, 22.0, 0.8))
+    ]
+    row = bench_scaling._service_row("x", points)
+    assert (row["ok"], row["measured"].partition("): ")[2]) == (False, "0.50, 0.50 % of a core")
+    unknown = [point._replace(work_ms=math.nan) for point in points]
+    assert "speed" not in bench_scaling._service_row("x", unknown)["measured"]
+
+
+def test_the_same_work_takes_as_much_of_a_core_again():
+    """It is the CPU that is measured, which waiting takes none of."""
+    assert 0 < bench_scaling.worked_ms(0.3) < 50
