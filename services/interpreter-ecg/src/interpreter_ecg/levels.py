@@ -269,13 +269,13 @@ class Levels:
         return self._alike(self._wide, candidate.time_s, elapsed_s) >= P_WAVES
 
     def _is_sharp_beat(self, candidate: Candidate, elapsed_s: float) -> bool:
-        """Whether what was passed over is as sharp as the beat before, as the third at that distance: no T wave is."""
+        """Whether what was passed over is as sharp as the beat before, which no T wave is, and follows most beats so."""
         if elapsed_s >= LATEST_T_WAVE_S or candidate.energy < PREMATURE * self._last_energy:
             return False
         if not AS_SHARP[0] * self._last_sharpness < candidate.edge < AS_SHARP[1] * self._last_sharpness:
             return False
         self._low.append((candidate.time_s, elapsed_s))
-        return self._alike(self._low, candidate.time_s, elapsed_s) >= P_WAVES
+        return self._follows_most(self._low, candidate.time_s, elapsed_s)
 
     def _follows_most(self, such: Collection[tuple[float, float]], time_s: float, elapsed_s: float) -> bool:
         """Whether nearly half of the beats told lately were followed by such, (time, s after), at that distance."""
