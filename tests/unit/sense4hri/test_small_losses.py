@@ -57,9 +57,7 @@ def cases() -> dict[str, Case]:
     """All interpreters; signals of SECONDS."""
     times_s = np.arange(SECONDS * 50) / 50
     belt = np.sin(2 * np.pi * 0.25 * times_s) + np.random.default_rng(1).normal(0, 0.01, len(times_s))
-    beats = 1.2 * np.arange(SECONDS * 100) / 100
-    beats += 0.03 * np.sin(2 * np.pi * beats / 5)  # breathing moves them, as it does a heart's
-    pulse = 1000 * np.exp(2 * np.cos(2 * np.pi * beats))
+    pulse = 1000 * np.exp(2 * np.cos(2 * np.pi * 1.2 * np.arange(SECONDS * 100) / 100))
     responses_s = np.arange(8.0, SECONDS - 8, 9.0)
     gaze, _ = looking(200.0, [(0, 0), (8, 3)] * (SECONDS // 2), rest_s=1.0)
     work = [(12.0, 32.0), (40.0, 45.0), (55.0, 60.0)]

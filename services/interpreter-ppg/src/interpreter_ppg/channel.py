@@ -4,7 +4,6 @@ from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
-from sense4hri.medians import median
 
 from interpreter_ppg import features, jumps, lines
 from interpreter_ppg.detector import LOOKAHEAD_S, Pulse, PulseDetector
@@ -37,13 +36,6 @@ class Channel:
     def heights(self) -> Floats:
         """Heights of the pulses in the window, shape (n,)."""
         return np.array([pulse.height for pulse in self._pulses])
-
-    @property
-    def alike(self) -> float:
-        """Median correlation of the pulses in the window with the template of their predecessors; NaN without any."""
-        correlation = np.array([pulse.correlation for pulse in self._pulses])
-        correlation = correlation[np.isfinite(correlation)]
-        return median(correlation) if len(correlation) else np.nan
 
     def jumps_per_s(self) -> float:
         """Return how often the level jumps in what was looked at last; NaN where that was nothing."""

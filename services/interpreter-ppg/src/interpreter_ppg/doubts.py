@@ -11,15 +11,11 @@ from interpreter_ppg.window import Window
 SURE, LASTING_S = 0.7, 2.0  # quality of a sure rate, once it has lasted: three pulses, or steps, are alike by chance
 TWO_RHYTHMS_S = 3.0  # after they were seen the last time
 HALF_WITHIN = 0.05  # of the rate told: a line so near to half of it is that of a pulse of two waves
-# Median correlation of the pulses with their predecessors: breathing changes the shape of a heart's pulses, or the time
-# they come at. Where it does neither, a machine makes them.
-MACHINE_ALIKE = 0.999
 JUMPS_PER_PULSE = 0.75  # no pulse jumps; a level does now and then
 SLOW = f"signal_quality: below {features.SLOWEST_BPM:g} /min it may be breathing or movements"
 SHORT = f"signal_quality: good for less than {LASTING_S:g} s"
 TWO_RHYTHMS = "signal_quality: two rhythms, the pulse may be the slower one"
 SINE = "signal_quality: the wave has no overtones, it may be flicker or a tremor"
-MACHINE = "signal_quality: waves as alike and as even as a machine makes them, they may be flicker"
 JUMPS = "signal_quality: the level jumps with every pulse, it may be a lamp or a contact"
 IRREGULAR = "signal_quality: the intervals have no order, pulses too low to be seen may be missing"
 
@@ -34,7 +30,7 @@ class Doubts:
 
     def restart(self, first_ns: int) -> None:
         """Forget everything; a new segment begins at first_ns."""
-        self._until_ns = dict.fromkeys((TWO_RHYTHMS, SINE, MACHINE, JUMPS, IRREGULAR), first_ns - 1)
+        self._until_ns = dict.fromkeys((TWO_RHYTHMS, SINE, JUMPS, IRREGULAR), first_ns - 1)
         self._lasting.restart()
 
     @property
@@ -50,8 +46,6 @@ class Doubts:
         self._see_two_rhythms(channel, end_ns, window, rate_bpm)
         if channel.overtones() < features.LEAST_OVERTONES:  # a sine has no clear polarity: it is held while that turns
             self._hold(SINE, end_ns, self._window_s)
-        if channel.alike > MACHINE_ALIKE and features.even(window.rr_ms, window.jitter_ms):
-            self._hold(MACHINE, end_ns, self._window_s)
         if channel.jumps_per_s() > JUMPS_PER_PULSE * rate_bpm / 60:
             self._hold(JUMPS, end_ns, self._window_s)
         if features.irregular(window.rr_ms):

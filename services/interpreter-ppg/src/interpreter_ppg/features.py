@@ -51,9 +51,6 @@ VANISHED, UNLIKE_SHARE = 0.4, 0.15
 # The mean pulse: in so many phases, of so many intervals at least, and its overtones up to this one. Together they are
 # at least 0.25 of the first one in the pulses of fingers, ears and arms, 0.13 in sines that wax and wane.
 PHASES, FEWEST_TURNS, HIGHEST_OVERTONE, LEAST_OVERTONES = 32, 3, 4, 0.17
-# Intervals as even as a machine's: steps between them at least, what they are together (a heart that works hard makes
-# 3 ms), and times the square of the noise of the pulses' times: six are in a step, a third more rms comes by chance.
-FEWEST_STEPS, EVEN_MS, EVEN_NOISE = 4, 3.0, 10.0
 SHAPE_S = np.arange(-0.25, 0.451, 0.02)  # where the shape of a pulse is compared
 ALIKE, UNLIKE = 0.97, 0.70  # correlations of a pulse with the template that mean quality 1 and 0
 
@@ -378,18 +375,6 @@ def irregular(rr_ms: Floats) -> bool:
     off_ms = np.abs(known_ms[1:-1] - (known_ms[2:] + known_ms[:-2]) / 2)
     off_ms, known_ms = off_ms[np.isfinite(off_ms)], known_ms[np.isfinite(known_ms)]
     return len(off_ms) >= FEWEST_BESIDE and median(off_ms) > IRREGULAR * median(known_ms)
-
-
-def even(rr_ms: Floats, jitter_ms: Floats) -> bool:
-    """Return whether intervals, of shape (n,), differ from those before them by no more than noise makes them.
-
-    jitter_ms: what noise moves each pulse by. Breathing moves those of a heart, or the time its pulse takes to arrive.
-    """
-    steps_ms = np.diff(np.where(plausible(rr_ms), rr_ms, np.nan))
-    steps_ms = steps_ms[np.isfinite(steps_ms)]
-    if len(steps_ms) < FEWEST_STEPS:
-        return False
-    return float(np.mean(steps_ms**2)) < EVEN_MS**2 + EVEN_NOISE * median(jitter_ms) ** 2
 
 
 def vanishes(heights: Floats, trusted: NDArray[np.bool_]) -> bool:

@@ -162,8 +162,8 @@ class PpgStream:
         while self._beats and self._beats[0].time_ns < start_ns:
             self._beats.popleft()
         beats = list(self._beats)
-        rr_ms, jitter_s = np.array([beat.rr_ms for beat in beats]), np.array([beat.jitter_s for beat in beats])
-        return Window(window_s, beats, rr_ms, np.array([beat.trusted for beat in beats], bool), 1e3 * jitter_s)
+        rr_ms, trusted = np.array([beat.rr_ms for beat in beats]), np.array([beat.trusted for beat in beats], bool)
+        return Window(window_s, beats, rr_ms, trusted)
 
     def _told(self, block: Block, window: Window, rate_bpm: float, hrv: Hrv, quality: float) -> PpgUpdate:
         """Return the update, with the fresh pulses; the device's opinion and the reasons are still to come."""
@@ -265,7 +265,7 @@ class PpgStream:
             if self._continues and np.isfinite(pulse.rr_s):
                 rr_ms = (time_ns - self._beats[-1].time_ns) / 1e6
             both = np.minimum(pulse.correlation, self._correlation)
-            beat = Beat(time_ns, rr_ms, bool(both >= TRUSTED), pulse.amplitude, jitter_s)
+            beat = Beat(time_ns, rr_ms, bool(both >= TRUSTED), pulse.amplitude)
             exact = both >= PRECISE and max(jitter_s, self._jitter_s) <= MOST_JITTER_S
             sure_ms = rr_ms if exact and time_ns > self._doubts.two_rhythms_to_ns else np.nan
             self._normal.add(Taken(time_ns, rr_ms, sure_ms, pulse.height))

@@ -15,7 +15,6 @@ class Beat(NamedTuple):
     rr_ms: float
     trusted: bool  # both pulses that the interval lies between look like their predecessors
     amplitude: float
-    jitter_s: float  # standard deviation that the noise of the samples gives its time
 
 
 class Window(NamedTuple):
@@ -25,4 +24,3 @@ class Window(NamedTuple):
     beats: list[Beat]
     rr_ms: Floats
     trusted: NDArray[np.bool_]
-    jitter_ms: Floats
