@@ -269,7 +269,7 @@ class Levels:
         return self._alike(self._wide, candidate.time_s, elapsed_s) >= P_WAVES
 
     def _is_sharp_beat(self, candidate: Candidate, elapsed_s: float) -> bool:
-        """Whether what was passed over is as sharp as the beat before, which no T wave is, and follows most beats so."""
+        """Whether what was passed over is as sharp as the beat before, as no T wave is, and follows most beats so."""
         if elapsed_s >= LATEST_T_WAVE_S or candidate.energy < PREMATURE * self._last_energy:
             return False
         if not AS_SHARP[0] * self._last_sharpness < candidate.edge < AS_SHARP[1] * self._last_sharpness:
