@@ -62,7 +62,7 @@ class Drivers:
 
     def __init__(self, service: Service[Config], described: Callable[[Driver], None]) -> None:
         self._service, self._described = service, described
-        self._turn_s = -math.inf
+        self._turn_s = time.monotonic()
         self._drivers: dict[str, Driver] = {}
         self._beats: dict[StreamName, Beat] = {}
         self._listening: dict[StreamName, Subscription] = {}
