@@ -2,8 +2,8 @@
 
 The demo's services with one person's strap and arm band, and the clock-sync of a second host on a clock of its own.
 Firing: from the fault until Prometheus says `firing`; cleared: from the end of the fault until it no longer does; some
-rules look back for long, so that clearing is waited for longer.
-False: alerts in a clean stretch of CLEAN_S before it. After BUDGET_S no further fault is begun.
+rules look back for long, so that clearing is waited for longer. After BUDGET_S no further fault is begun.
+What fires where nothing is wrong: bench_false_alerts.py.
 """
 
 import os
@@ -12,7 +12,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,15 +22,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "compose"))
 
 import monitoring
-from faulted_study import BAND, BENCH, RECORDER, STRAP, FaultedStudy, place
+from faulted_study import BAND, BENCH, RECORDER, STRAP, FaultedStudy, Place, place
 from monitoring import Monitoring
-from processes import Process, Processes
+from processes import Process
 from sense4hri.host_clocks import this_host
 from wall_clock import WallClock
 
 FIRES_WITHIN_S = 15.0
 LONGEST_S = 90.0
-CLEAN_S = float(os.environ.get("CLEAN_S", "1800"))
 BUDGET_S = float(os.environ.get("BUDGET_S", "1200"))
 DISK_MB = 200
 ECG, PPG = "interpreter_ecg", "interpreter_ppg"
@@ -51,14 +51,23 @@ HELD_S, LET_S, LOOK_EVERY_S = 0.15, 0.002, 0.0002
 
 
 def rows() -> list[dict[str, Any]]:
-    """Return the measured rows."""
+    """Return the measured rows, none where Prometheus is not to be had."""
+    with watched_study() as study:
+        return study.rows() if study else []
+
+
+@contextmanager
+def watched_study() -> "Iterator[Watched | None]":
+    """Start a study and what watches it, and end both; None where Prometheus is not to be had."""
     bin_folder = monitoring.programs()
     if bin_folder is None:
-        return []
+        yield None
+        return
     with place(DISK_MB) as here:
         watch = Monitoring(here.folder, bin_folder)
         try:
-            return Watched(here.folder, here.disk, here.processes, watch).rows(here.small)
+            with closing(Watched(here, watch)) as study:
+                yield study
         finally:
             watch.close()
 
@@ -127,44 +136,44 @@ class Repeated:
 class Watched:
     """A study in a session, and the Prometheus that scrapes it."""
 
-    def __init__(self, folder: Path, disk: Path, processes: Processes, watch: Monitoring) -> None:
-        self._watch, self._folder, self._disk, self._start = watch, folder, disk, processes.start
-        self._study = FaultedStudy(folder, disk, processes.start)
+    def __init__(self, here: Place, watch: Monitoring) -> None:
+        self._here, self._watch, self._start = here, watch, here.processes.start
+        self._study = FaultedStudy(here.folder, here.disk, self._start)
         self._ended = threading.Event()
         threading.Thread(target=self._keep_targets, daemon=True).start()
         self._study.begin()
-        self._other_clock = WallClock(folder)
+        self._other_clock = WallClock(here.folder)
         self._second_host(self._other_clock)
 
     def _second_host(self, clock: WallClock) -> Process:
         """Start the clock-sync of a machine with this clock that is called OTHER_HOST."""
         return self._start("clock_sync", env=clock.env, host=OTHER_HOST, reference_host=this_host())
 
-    def rows(self, small: bool) -> list[dict[str, Any]]:
-        """The clean stretch first, then one fault after the other."""
-        found, begun_s = [self._clean()], time.monotonic()
-        for fault in [*self._faults(), *(self._disk_faults() if small else [])]:
+    def rows(self) -> list[dict[str, Any]]:
+        """Return a row for each fault, one after the other."""
+        found, begun_s = list[dict[str, Any]](), time.monotonic()
+        for fault in [*self._faults(), *(self._disk_faults() if self._here.small else [])]:
             if time.monotonic() - begun_s < BUDGET_S:
                 found.append(self._measured(fault))
                 print(found[-1], file=sys.stderr, flush=True)
-        self._ended.set()
         return found
+
+    def fired_within(self, seconds: float) -> set[tuple[str, str]]:
+        """Return the alerts, and whom they told of, that fire in the next so many seconds."""
+        seen, end_s = set[tuple[str, str]](), time.monotonic() + seconds
+        while time.monotonic() < end_s:
+            seen |= self._watch.firing()
+            time.sleep(1.0)
+        return seen
+
+    def close(self) -> None:
+        self._ended.set()
 
     def _keep_targets(self) -> None:
         """Scrape all that has a port, also what has died meanwhile, as long as nothing has taken its place."""
         while not self._ended.wait(1.0):
             running = list(self._study.running.values())
             self._watch.watch([one.port() for one in running if "metrics on port " in one.log()])
-
-    def _clean(self) -> dict[str, Any]:
-        seen: set[tuple[str, str]] = set()
-        end_s = time.monotonic() + CLEAN_S
-        while time.monotonic() < end_s:
-            seen |= self._watch.firing()
-            time.sleep(1.0)
-        said = ", ".join(f"{name} of {whom}" for name, whom in sorted(seen)) or "none"
-        what, good = f"false alerts in a clean {CLEAN_S / 60:.2g} min", not seen if CLEAN_S >= 1800 else None
-        return {"what": what, "target": "0 in 30 min", "measured": f"{len(seen)}: {said}", "ok": good}
 
     def _faults(self) -> list[Fault]:
         return [
@@ -209,7 +218,7 @@ class Watched:
 
     def _doubled(self, what: str) -> Fault:
         """As on a machine that was set up from another one's disk."""
-        folder, begun = self._folder / "doubled", list[Process]()
+        folder, begun = self._here.folder / "doubled", list[Process]()
 
         def begin() -> None:
             folder.mkdir()
@@ -307,10 +316,10 @@ class Watched:
 
     def _disk_faults(self) -> list[Fault]:
         """Room for some minutes only, then none at all."""
-        ballast = self._disk / "ballast"
+        ballast = self._here.disk / "ballast"
 
         def fill(left_bytes: int) -> None:
-            free = os.statvfs(self._disk)
+            free = os.statvfs(self._here.disk)
             ballast.write_bytes(bytes(max(free.f_bavail * free.f_frsize - left_bytes, 0)))
 
         return [
