@@ -88,6 +88,35 @@ def test_the_threshold_is_a_parameter_and_told():
     assert by_computer[-1].extra[0].name == "scr_threshold"
 
 
+DRY_US, AT_S = 1.0, np.arange(8.0, 90.0, 13.0)  # level of a dry hand; when something happens to it
+
+
+@pytest.mark.parametrize("rise_s", [0.7, 1.0, 1.8])
+@pytest.mark.parametrize("fs_hz", [4.0, 50.0])
+def test_a_strong_response_of_a_dry_hand_is_no_jump(fs_hz, rise_s):
+    """Responses of 1 uS on a level of 1 uS are told, at a quality above 0.85."""
+    times_s = np.arange(round(100 * fs_hz)) / fs_hz
+    since_s = times_s[:, None] - AT_S
+    up = (1 - np.cos(np.pi * np.clip(since_s / rise_s, 0, 1))) / 2
+    skin_us = DRY_US + (up * np.exp(-np.maximum(since_s - rise_s, 0) / 4)).sum(axis=1)
+    updates = play(skin_us + np.random.default_rng(1).normal(0, 0.002, len(skin_us)), fs_hz)
+    np.testing.assert_allclose(peaks_s(updates), AT_S + rise_s, atol=0.5)
+    assert min(update.signal_quality for update in updates[20:]) > 0.85
+    assert not any("jumps" in reason for update in updates for reason in update.reasons)
+
+
+@pytest.mark.parametrize("takes_s", [0.01, 0.3])
+@pytest.mark.parametrize("fs_hz", [2.0, 4.0, 50.0])
+def test_a_level_that_jumps_is_doubted(fs_hz, takes_s):
+    """Of a dry hand by 0.8 uS up and down, from one sample to the next or in 0.3 s: jumps, and no quality of 0.7."""
+    times_s = np.arange(round(100 * fs_hz)) / fs_hz
+    steps = np.clip((times_s[:, None] - AT_S) / takes_s, 0, 1)
+    level = DRY_US + 0.8 * steps @ np.where(np.arange(len(AT_S)) % 2, -1, 1)
+    for update in play(level + np.random.default_rng(1).normal(0, 0.002, len(level)), fs_hz)[70:]:
+        assert update.signal_quality < 0.7
+        assert any("jumps faster than skin" in reason for reason in update.reasons)
+
+
 def test_the_result_does_not_depend_on_how_samples_are_cut():
     """One signal, with a hole, in frames of one, of 7 and of random sizes gives the same updates."""
     conductance = skin(70, 20.0, ONSETS_S[:4], AMPLITUDES_US[:4]) + np.random.default_rng(1).normal(0, 1e-3, 1400)

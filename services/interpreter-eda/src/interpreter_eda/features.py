@@ -26,7 +26,8 @@ HIGHEST_US = 100.0  # no skin conducts better
 FLAT_US, STEADY = 0.001, 3.0  # a channel that stays within this, or within so many spreads of a sample, is flat
 NOISE_MARGIN = 10.0  # times the ripple left on the grid that a response is high at least
 STEPS = 3.0  # of the converter that a response is high at least: a level that creeps up rises by one at a time
-STEEPEST_US_PER_S, STEEPEST = 10.0, 0.5  # faster than this (Kleckner et al. 2018), or than this share per s, is a jump
+STEEPEST_US_PER_S, STEEPEST = 10.0, 0.5  # faster (Kleckner et al. 2018) is a jump; so is a step of this share per s
+AROUND_S, STEP = 1.0, 0.5  # a step makes this share of the range of this time within JUMP_S; skin takes longer
 AFTER_JUMP_S = 5.0  # doubtful after a jump
 
 
@@ -193,16 +194,28 @@ def is_flat(raw: Floats, spread: float, least: float) -> bool:
     return span <= max(least, STEADY * spread)
 
 
-def jumps(raw: Floats, calibrated: bool) -> float:
-    """Return the share of points, shape (n,) without NaN, less than AFTER_JUMP_S after a change too fast for skin."""
-    lag = round(JUMP_S * GRID_HZ)
+def jumps(raw: Floats, period_s: float, calibrated: bool) -> float:
+    """Return the share of points, shape (n,) without NaN, less than AFTER_JUMP_S after a change too fast for skin.
+
+    period_s: between two samples; where they are further apart than JUMP_S, a step takes as long on the grid.
+    """
+    lag = round(max(JUMP_S, period_s) * GRID_HZ)
     if len(raw) <= lag:
         return 0.0
-    most = STEEPEST * JUMP_S * abs(float(np.median(raw)))
-    most = min(most, STEEPEST_US_PER_S * JUMP_S) if calibrated else most
-    jumped = np.abs(raw[lag:] - raw[:-lag]) > most
+    changes, seconds = np.abs(raw[lag:] - raw[:-lag]), lag / GRID_HZ
+    steep = changes > STEEPEST * seconds * abs(float(np.median(raw)))
+    jumped = steep & (changes > STEP * _ranges(raw, lag))
+    if calibrated:
+        jumped |= changes > STEEPEST_US_PER_S * seconds
     after = np.convolve(jumped, np.ones(round(AFTER_JUMP_S * GRID_HZ)))[: len(jumped)] > 0.5
     return float(after.mean())
+
+
+def _ranges(raw: Floats, lag: int) -> Floats:
+    """Return the range of the points within AROUND_S round the middle of each two that are lag apart."""
+    more = max(0, round(AROUND_S * GRID_HZ) - lag) // 2
+    views = np.lib.stride_tricks.sliding_window_view(np.pad(raw, more, mode="edge"), lag + 2 * more + 1)
+    return np.asarray(np.ptp(views, axis=1))
 
 
 def quality(level: float, noise: float, jumps_share: float, trend: float, filled: float) -> float:

@@ -199,7 +199,8 @@ class EdaStream:
         if problem:
             return self._withhold(block, window.seconds, problem)
         self._answered_ns = block.end_ns
-        ripple, jumped = features.ripple(window.known, self._period_s), features.jumps(window.known, self._scale == 1)
+        ripple = features.ripple(window.known, self._period_s)
+        jumped = features.jumps(window.known, self._period_s, self._scale == 1)
         least = self._least_amplitude(ripple)
         fresh = self._found(least, whole)
         self._recover()
