@@ -216,7 +216,8 @@ def waits(study: Study, words: str) -> float:
 
 def test_a_recorder_that_is_killed_is_missed_within_seconds_and_its_gap_is_told(study, tmp_path):
     """Killed and started again: its missing heartbeat is a sentence within 5 s, the end says from when to when."""
-    recorder = recorded(study, tmp_path)
+    recorder, begun_s = recorded(study, tmp_path), time.time()
+    study.until(lambda: on_disk(recorder) > begun_s, "something of the session is on the disk")
     recorder.kill()
     assert waits(study, "recorder: no heartbeat for more than 3.5 s") < 5.0
     again = study.run("recorder", directory=tmp_path / "recordings")
