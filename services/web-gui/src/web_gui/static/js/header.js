@@ -4,6 +4,7 @@ import { text, attribute, byId } from "./dom.js";
 import { duration } from "./format.js";
 
 const FEW = 4; // of whom the line has room for the names
+const DOUBTED = "▲ REC NOT CONFIRMED";
 const recorded = (/** @type {string[]} */ humans) => (humans.length > FEW ? `${humans.length} participants` : humans.join(", "));
 
 export class Header {
@@ -30,13 +31,13 @@ export class Header {
     const recording = study.recorder?.recording ?? false;
     const silent = study.recorder?.recording === null;
     const words = {
-      recording: () => (session.doubt ? "▲ REC NOT CONFIRMED" : `● REC ${recorded(session.humans)} ${duration(study.wall_ms - session.start_ms)}`),
+      recording: () => `${session.doubt ? DOUBTED : `● REC ${recorded(session.humans)}`} ${duration(study.wall_ms - session.start_ms)}`,
       replayed: () => "▷ a recording is played",
       preparing: () => "◐ preparing",
       stopping: () => "◐ stopping, writing to disk",
       failed: () => "◌ session failed",
     };
-    text(chip, words[phase]?.() ?? (session?.doubt ? "▲ REC NOT CONFIRMED" : recording ? "● recorder on" : silent ? "◌ recorder says nothing" : study.recorder ? "◐ recorder ready" : "◌ not recording"));
+    text(chip, words[phase]?.() ?? (session?.doubt ? DOUBTED : recording ? "● recorder on" : silent ? "◌ recorder says nothing" : study.recorder ? "◐ recorder ready" : "◌ not recording"));
     attribute(chip, "data-kind", session?.doubt ? "bad" : phase === "recording" ? "rec" : phase === "failed" ? "bad" : recording ? "rec" : silent ? "wait" : "plain");
   }
 }
