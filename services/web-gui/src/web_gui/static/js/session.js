@@ -77,7 +77,7 @@ export class SessionBar {
       text(place, parts.join(" · "));
     }
     attribute(place, "data-kind", !recorder && replayed ? "plain" : !recorder || recorder.level === "error" ? "bad" : recorder.recording === null || recorder.level === "warning" || recorder.lost > 0 ? "wait" : "plain");
-    attribute(place, "title", recorder?.directory || null);
+    attribute(place, "title", [recorder?.message, recorder?.directory].filter(Boolean).join("\n") || null);
   }
 
   /** Green is there, red is missing; while recording only what is missing is told. */
