@@ -5,7 +5,13 @@ import { duration } from "./format.js";
 
 const FEW = 4; // of whom the line has room for the names
 const DOUBTED = "▲ REC NOT CONFIRMED";
-const recorded = (/** @type {string[]} */ humans) => (humans.length > FEW ? `${humans.length} participants` : humans.join(", "));
+const phone = matchMedia("(max-width: 520px)"); // the words that it has no room for are left out
+
+/** Whom a session records. */
+function recorded(/** @type {string[]} */ humans) {
+  if (phone.matches || !humans.length) return [];
+  return [humans.length > FEW ? `${humans.length} participants` : humans.join(", ")];
+}
 
 export class Header {
   /** Take the study message. */
@@ -16,8 +22,8 @@ export class Header {
     const ok = study.streams.filter((stream) => stream.status === "streaming" || stream.status === "derived").length;
     const errors = study.problems.filter((problem) => problem.severity === "error").length;
     const warnings = study.problems.length - errors;
-    const parts = [`${ok} of ${study.streams.length} streams ok`];
-    if (errors) parts.push(`${errors} lost or failed`);
+    const parts = [`${ok} of ${study.streams.length} ${phone.matches ? "" : "streams "}ok`];
+    if (errors) parts.push(`${errors} lost${phone.matches ? "" : " or failed"}`);
     if (warnings) parts.push(`${warnings} warning${warnings > 1 ? "s" : ""}`);
     text(byId("streams-ok"), study.streams.length ? parts.join(" · ") : "no streams");
     attribute(byId("streams-ok"), "data-kind", errors ? "bad" : warnings ? "wait" : "plain");
@@ -31,7 +37,7 @@ export class Header {
     const recording = study.recorder?.recording ?? false;
     const silent = study.recorder?.recording === null;
     const words = {
-      recording: () => `${session.doubt ? DOUBTED : `● REC ${recorded(session.humans)}`} ${duration(study.wall_ms - session.start_ms)}`,
+      recording: () => [...(session.doubt ? [DOUBTED] : ["● REC", ...recorded(session.humans)]), duration(study.wall_ms - session.start_ms)].join(" "),
       replayed: () => "▷ a recording is played",
       preparing: () => "◐ preparing",
       stopping: () => "◐ stopping, writing to disk",

@@ -30,7 +30,7 @@ let lostMs = performance.now();
 const header = new Header();
 const problems = new Problems(show);
 const strip = new Strip();
-const participants = new Participants(choose, new Drag(give));
+const participants = new Participants(show, new Drag(give));
 const access = new Access(() => connection.renew());
 await access.enter();
 const connection = new Connection({
