@@ -122,11 +122,11 @@ ROWS = """() => {
 }"""
 
 
-@pytest.mark.parametrize(("size", "rows"), [((390, 844), 2)])
+@pytest.mark.parametrize(("size", "rows"), [((1280, 800), 1), ((390, 844), 2)])
 def test_the_header_leaves_the_room_to_the_signals(
     eight: Lab, new_page: OpenPage, size: tuple[int, int], rows: int
 ) -> None:
-    """While it records eight people, with warnings, it has two rows on a phone."""
+    """While it records eight people, with warnings: one row on a laptop, with the study's name, two on a phone."""
     page = compact(new_page(eight.address, "light", size))
     humans = [f"p{number}" for number in range(1, 9)]
     running = {"session_id": "s1", "study": "trust in robots", "phase": 2, "human_ids": humans}

@@ -18,6 +18,7 @@ export class Header {
   update(study) {
     const session = study.session;
     text(byId("study-name"), session?.study ? `study “${session.study}”` : "");
+    attribute(byId("study-name"), "title", session?.study || null);
     this.recording(study, session);
     const ok = study.streams.filter((stream) => stream.status === "streaming" || stream.status === "derived").length;
     const errors = study.problems.filter((problem) => problem.severity === "error").length;
