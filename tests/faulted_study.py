@@ -248,9 +248,7 @@ class FaultedStudy:
 
     def _of(self, problems: dict[str, str]) -> list[str]:
         """Leave out also what lasts though all is well again: who was begun anew a moment ago, what was lost before."""
-        past = re.compile(
-            r"(quality|clock|afresh|losing|late) |recorder lost: |recorder: .*: \d+ messages lost \(\d+ of .*\)$"
-        )
+        past = re.compile(r"(quality|clock|afresh|losing|late) |recorder lost: ")
         return [text for key, text in problems.items() if not past.match(f"{key}: {text}")]
 
     def begun(self, name: str, **env: str) -> Process:

@@ -1,5 +1,6 @@
 """Eight participants in sight at once: compact cards and lanes; without ROS."""
 
+import re
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -100,6 +101,46 @@ def test_the_full_card_is_a_click_away_and_all_of_them_a_key(eight: Lab, new_pag
     expect(page.locator("#density")).to_have_attribute("aria-pressed", "false")
     page.locator("#density").click()
     expect(page.locator("#columns")).to_have_text("▥ 2")
+
+
+def test_on_a_phone_a_sensor_that_is_tapped_shows_its_signal(eight: Lab, new_page: OpenPage) -> None:
+    """The page scrolls to its lane, and the lanes do, so that all of it is seen."""
+    page = compact(new_page(eight.address, "light", (390, 844)))
+    for sensor, stream in (("verity_8", "p8/ppg/verity_8"), ("h10_2", "p2/ecg/h10_2")):
+        page.locator(f"[data-sensor={sensor}]").click()
+        expect(page.locator(f".lane[data-key='{stream}']")).to_be_in_viewport(ratio=0.99)
+        picture(page, f"ways-eight-phone-{sensor}")
+
+
+ROWS = """() => {
+    const parts = [...document.querySelectorAll("header .status > *, header .tools > *")], rows = [];
+    for (const box of parts.filter((part) => part.clientWidth).map((part) => part.getBoundingClientRect())) {
+        if (!rows.some((row) => box.top < row.bottom && row.top < box.bottom)) rows.push(box);
+    }
+    const chips = [...document.querySelectorAll("header .chip")].filter((chip) => chip.scrollWidth > chip.clientWidth);
+    return { rows: rows.length, cut: chips.map((chip) => chip.textContent) };
+}"""
+
+
+@pytest.mark.parametrize(("size", "rows"), [((1280, 800), 1), ((390, 844), 2)])
+def test_the_header_leaves_the_room_to_the_signals(
+    eight: Lab, new_page: OpenPage, size: tuple[int, int], rows: int
+) -> None:
+    """While it records eight people, with warnings: one row on a laptop, with the study's name, two on a phone."""
+    page = compact(new_page(eight.address, "light", size))
+    humans = [f"p{number}" for number in range(1, 9)]
+    running = {"session_id": "s1", "study": "trust in robots", "phase": 2, "human_ids": humans}
+    session = eight.study.session
+    try:
+        session.take_state(running | {"start_at": eight.site.page.now_ns()})
+        expect(page.locator("#recording")).to_have_text(re.compile(r"REC.* 00:00:\d\d$"))
+        expect(page.locator("#streams-ok")).to_have_text(re.compile(r"^32 of 32 .*ok .*warning"))
+        picture(page, f"ways-eight-header-{size[0]}")
+        told = page.evaluate(ROWS)
+    finally:
+        session.take_state({})
+    assert told == {"rows": rows, "cut": []}
+    assert page.evaluate("() => document.documentElement.scrollWidth") == size[0]
 
 
 @pytest.mark.parametrize(("theme", "size"), [("light", (1280, 800)), ("dark", (1024, 768)), ("light", (390, 844))])

@@ -30,6 +30,23 @@ def test_what_somebody_else_publishes_there_is_not_a_recorders():
     assert RecorderStatus.parse(published({}, b"\xff")).level == "error"
 
 
+@pytest.mark.parametrize(
+    ("message", "lost", "of", "besides"),
+    [
+        ("3 messages lost", 3, "", ""),
+        ("3 messages lost (2 of /a, 1 of /b)", 3, "2 of /a, 1 of /b", ""),
+        ("3 messages lost (3 of /a); not safe; no report", 3, "3 of /a", "not safe; no report"),
+        ("the disk lasts 12 more minutes", 0, "", "the disk lasts 12 more minutes"),
+        ("30 messages lost", 3, "", "30 messages lost"),
+        ("30 messages lost", None, "", "30 messages lost"),
+    ],
+)
+def test_what_a_message_says_of_losses_stands_apart_from_the_rest(message, lost, of, besides):
+    """Whoever counts losses already shows the rest; words that are not of the number that is told are the rest."""
+    said = RecorderStatus(level="warning", message=message, lost=lost)
+    assert (said.lost_of, said.besides) == (of, besides)
+
+
 @pytest.mark.parametrize("wrong", ["", "many", "-3", "nan", "\u00b2", "9" * 30])
 def test_what_a_recorder_cannot_say_is_not_known(wrong):
     """An empty or senseless number is None, never 0; so is one that is absent."""

@@ -141,6 +141,35 @@ def test_every_alert_is_raised_after_its_wait_not_before_and_ends(name):
     assert over.ended_ns - over.since_ns >= 2 * S
 
 
+LOSS = {"level": "warning", "lost": 3, "message": "3 messages lost (2 of /a, 1 of /b)"}
+
+
+def recorder_says(bench):
+    """The sentences about the recorder that are told now, newest first."""
+    return [entry.problem.text for entry in bench.log.lasting() if entry.problem.text.startswith("recorder: ")]
+
+
+def test_what_the_recorder_loses_is_one_sentence_while_it_is_lost_and_a_number_afterwards():
+    """It names the topics; a minute later only the total that the recorder tells is left, and what else it doubts."""
+    bench = Bench()
+    bench.run(1, recorder=LOSS)
+    assert recorder_says(bench) == ["recorder: 3 messages lost within a minute; in all 2 of /a, 1 of /b"]
+    bench.run(61, recorder=LOSS)
+    assert recorder_says(bench) == []
+    assert study_message(bench.study, bench.log, bench.now_ns)["recorder"]["lost"] == 3
+    full = {"message": f"{LOSS['message']}; the disk lasts 12 more minutes", "minutes_left": 12.0}
+    bench.run(1, recorder=LOSS | full)
+    assert recorder_says(bench) == ["recorder: the disk lasts 12 more minutes"]
+    assert bench.told() == {"DiskFilling"}
+
+
+def test_a_disk_that_fills_is_told_also_where_the_recorder_speaks_of_losses_alone():
+    """Its own bound of minutes may be another one."""
+    bench = Bench()
+    bench.run(62, recorder=LOSS | {"minutes_left": 29.0})
+    assert recorder_says(bench) == ["recorder: the disk lasts 29 more minutes; make room, or stop before that"]
+
+
 def test_a_sensor_that_has_not_been_found_is_told_after_a_minute():
     """Not while somebody may still be putting it on."""
     study, log = Study(), ProblemLog()

@@ -8,6 +8,10 @@ NAME = "recorder: recording"
 """Name of the status; others may publish there too."""
 LEVELS = ("ok", "warning", "error")
 """In the order of DiagnosticStatus.level; ERROR: it should record and cannot."""
+LOST = "messages lost"
+"""Words of a message that tells of losses: `3 messages lost (2 of /a, 1 of /b)`."""
+AND = "; "
+"""Between the parts of a message."""
 VALUES = (
     *("recording", "directory", "session_id", "messages", "lost", "written_bytes"),
     *("free_bytes", "minutes_left", "report", "behind_s", "host"),
@@ -39,6 +43,24 @@ class RecorderStatus:
     report: str = ""
     behind_s: float | None = None
     host: str = ""
+
+    @property
+    def lost_of(self) -> str:
+        """Of which topics messages are lost, in the words of the message; empty where it names none."""
+        return "".join(self._losses()).removeprefix(self._loss).strip(" ()")
+
+    @property
+    def besides(self) -> str:
+        """What the message says besides losses."""
+        losses = self._losses()
+        return AND.join(part for part in self.message.split(AND) if part not in losses)
+
+    @property
+    def _loss(self) -> str:
+        return f"{self.lost} {LOST}"
+
+    def _losses(self) -> list[str]:
+        return [part for part in self.message.split(AND) if part.startswith(self._loss)][:1]
 
     def values(self) -> dict[str, str]:
         """Return keys and values of the DiagnosticStatus: all of it is text."""

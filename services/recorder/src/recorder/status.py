@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from sense4hri import stamps
-from sense4hri.recorder_status import LEVELS, NAME, RecorderStatus
+from sense4hri.recorder_status import AND, LEVELS, LOST, NAME, RecorderStatus
 
 
 @dataclass(frozen=True)
@@ -78,10 +78,10 @@ class Status:
         if self.problem:
             return "error", f"NOT RECORDING: {self.problem}"
         of = f" ({self.lost_of})" if self.lost_of else ""
-        doubts = [f"{self.told.lost} messages lost{of}"] if self.told.lost else []
+        doubts = [f"{self.told.lost} {LOST}{of}"] if self.told.lost else []
         doubts += [*filter(None, (self.unsafe, self.space_warning)), *self.doubts]
         if doubts:
-            return "warning", "; ".join(doubts)
+            return "warning", AND.join(doubts)
         if not self.told.recording:
             return "ok", "waits for a session"
         return "ok", f"records session {self.told.session_id}" if self.told.session_id else "records"

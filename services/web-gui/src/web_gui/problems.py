@@ -48,22 +48,23 @@ def _of_recorder(study: Study, now_ns: int) -> Iterator[Problem]:
         return
     if status is None:
         return
+    doubts = status.besides if status.level == "warning" else ""  # what was lost before, the bar counts
     left_s = None if status.minutes_left is None else 60 * status.minutes_left
     filling = RULES["DiskFilling"].broken(left_s)
-    if filling and status.level == "ok":
+    if filling and not doubts and status.level != "error":
         text = f"recorder: the disk lasts {status.minutes_left:.0f} more minutes; make room, or stop before that"
         yield Problem.of("DiskFilling", "disk", text)
     lost = recorder.lost.lately(now_ns)
     if RULES["MessagesLost"].broken(lost):
-        yield Problem.of("MessagesLost", "recorder lost", f"recorder: {lost:.0f} messages lost within a minute")
+        of = f"; in all {status.lost_of}" if status.lost_of else ""
+        yield Problem.of("MessagesLost", "recorder lost", f"recorder: {lost:.0f} messages lost within a minute{of}")
     if RULES["RecorderBehind"].broken(status.behind_s):
         text = f"recorder: it takes messages in {status.behind_s:.0f} s late; this machine is too busy"
         yield Problem.of("RecorderBehind", "recorder behind", text)
     if status.level == "error":
         yield Problem.of("RecorderCannotRecord", "recorder", f"recorder: {status.message}")
-    elif status.level == "warning":
-        told = f"recorder: {status.message}"  # its own words name the disk as well
-        yield Problem("recorder", told, "warning", "DiskFilling" if filling else "")
+    elif doubts:  # which name the disk as well
+        yield Problem("recorder", f"recorder: {doubts}", "warning", "DiskFilling" if filling else "")
 
 
 def _of_services(services: Services, doubted: bool, now_ns: int) -> Iterator[Problem]:

@@ -6,8 +6,10 @@ const STEP_MS = 2; // pings that disagree by more than their uncertainty and thi
 
 const SLEPT_MS = 1000; // by which the time of day goes ahead of the page's clock, which stands still while the computer sleeps
 
+const WAITED_MS = 10_000; // for an answer to a ping that tells what a time of before it was
+
 /** What tells whether the computer has slept, or its time of day was set, since. */
-const ahead = () => Date.now() - performance.now();
+export const ahead = () => Date.now() - performance.now();
 
 /** How finely this browser's clock ticks, in ms; some blur it on purpose. */
 function tickMs() {
@@ -30,6 +32,8 @@ export class HostClock {
     this.pings = [];
     /** @type {Map<number, {atMs: number, aheadMs: number}>} */
     this.sent = new Map();
+    /** @type {Map<(known: {offsetMs: number, uncertaintyMs: number}|null) => void, {pageMs: number, aheadMs: number}>} */
+    this.waiting = new Map();
     this.number = 0;
     this.timer = 0;
   }
@@ -40,6 +44,12 @@ export class HostClock {
     this.sent.clear();
     clearTimeout(this.timer);
     this.ping(FIRST_PINGS);
+  }
+
+  /** The connection is lost: nobody waits for its answers any more. */
+  end() {
+    for (const settle of this.waiting.keys()) settle(null);
+    this.waiting.clear();
   }
 
   ping(/** @type {number} */ soon) {
@@ -61,15 +71,40 @@ export class HostClock {
     const known = this.at(now);
     if (known && Math.abs(known.offsetMs - ping.offsetMs) > known.uncertaintyMs + ping.halfMs + STEP_MS) this.pings = [];
     this.pings = [...this.pings.filter((old) => now - old.atMs < KEPT_MS), ping];
+    this.tell();
+  }
+
+  /** Tell who waits what is known by now. */
+  tell() {
+    for (const [settle, { pageMs, aheadMs }] of this.waiting) {
+      const known = this.at(pageMs, aheadMs);
+      if (!known) continue;
+      this.waiting.delete(settle);
+      settle(known);
+    }
+  }
+
+  /**
+   * The same as `at`, as soon as a ping tells it.
+   * @param {number} pageMs
+   * @param {number} aheadMs
+   * @returns {Promise<{offsetMs: number, uncertaintyMs: number}|null>} null where none does in time, or the connection is lost
+   */
+  when(pageMs, aheadMs) {
+    return new Promise((settle) => {
+      this.waiting.set(settle, { pageMs, aheadMs });
+      setTimeout(() => { this.waiting.delete(settle); settle(null); }, WAITED_MS);
+      this.tell();
+    });
   }
 
   /**
    * @param {number} pageMs a time of this page's clock, as in an event's timeStamp
+   * @param {number} aheadMs what `ahead` was then: pings from before a sleep tell nothing of it
    * @returns {{offsetMs: number, uncertaintyMs: number}|null} what to add to it, and half the width of what is sure
    */
-  at(pageMs) {
+  at(pageMs, aheadMs = ahead()) {
     let best = null;
-    const aheadMs = ahead();
     for (const ping of this.pings) {
       if (Math.abs(ping.aheadMs - aheadMs) > SLEPT_MS) continue;
       const uncertaintyMs = ping.halfMs + this.tick + DRIFT * Math.abs(pageMs - ping.atMs);

@@ -30,7 +30,7 @@ let lostMs = performance.now();
 const header = new Header();
 const problems = new Problems(show);
 const strip = new Strip();
-const participants = new Participants(choose, new Drag(give));
+const participants = new Participants(show, new Drag(give));
 const access = new Access(() => connection.renew());
 await access.enter();
 const connection = new Connection({
@@ -150,6 +150,7 @@ function connectionChanged(/** @type {boolean} */ connected) {
     clock.begin();
   } else {
     lanes.freeze();
+    clock.end();
     lostMs = connection.lastDataMs || lostMs;
   }
   if (study) sessionBar.update(study);
@@ -215,13 +216,13 @@ const KEYS = {
 
 document.addEventListener("keydown", (event) => {
   const target = /** @type {Element} */ (event.target);
-  if (!study || event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
+  if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
   if (target.closest(TYPED_INTO)) return;
   if (markers.takeKey(event)) {
     event.preventDefault(); // also a list's own search, which would choose somebody else
     return;
   }
-  if (target.closest("input, select")) return; // which have other keys of their own
+  if (!study || target.closest("input, select")) return; // which have other keys of their own
   const act = KEYS[keyOf(event)];
   if (!act || (event.key === " " && target.closest("button, a") && !target.closest(".lane-pick"))) return;
   event.preventDefault();

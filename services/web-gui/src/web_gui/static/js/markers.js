@@ -2,6 +2,7 @@
 
 import { h, keyed, text, attribute, byId } from "./dom.js";
 import { fixed, words } from "./format.js";
+import { ahead } from "./hostclock.js";
 
 const SAID_MS = 4000, SHOWN_MS = 5000;
 const EVERYONE = "";
@@ -73,15 +74,12 @@ export class Markers {
   }
 
   press(marker, /** @type {number} */ pageMs) {
-    const known = this.clock.at(pageMs);
-    if (!this.connection.connected || !known) {
-      const why = this.connection.connected ? "the server's clock is being compared, press again" : "no connection to the server";
-      this.say(`${why}: marker ${words(marker.name)} is not set`, false);
+    if (!this.connection.connected) {
+      this.refuse(words(marker.name));
       return;
     }
-    const pressed = {
-      name: marker.name, at_ms: pageMs + known.offsetMs, uncertainty_ms: known.uncertaintyMs, human: this.human.value,
-    };
+    const aheadMs = ahead();
+    const pressed = { name: marker.name, pageMs, aheadMs, known: this.clock.at(pageMs, aheadMs), human: this.human.value };
     if (marker.name !== "note") {
       this.send(pressed, "");
       return;
@@ -92,7 +90,14 @@ export class Markers {
   }
 
   async send(pressed, /** @type {string} */ value) {
-    const { name, at_ms, uncertainty_ms, human } = pressed;
+    const { name, pageMs, human } = pressed;
+    const label = `${human ? `${human} ` : ""}${words(name)}${value ? `: ${value}` : ""}`;
+    const known = pressed.known ?? await this.known(pressed, label);
+    if (!known) {
+      this.refuse(label);
+      return;
+    }
+    const at_ms = pageMs + known.offsetMs, uncertainty_ms = known.uncertaintyMs;
     const own = { at_ms, name, value, human, untilMs: performance.now() + SHOWN_MS };
     this.own.push(own);
     this.onPressed();
@@ -101,16 +106,27 @@ export class Markers {
       this.own = this.own.filter((one) => one !== own);
       this.onPressed();
     }
-    const label = `${human ? `${human} ` : ""}${words(name)}${value ? `: ${value}` : ""}`;
-    this.say(answer.ok ? `${label} ± ${fixed(uncertainty_ms, 1)} ms` : `marker ${label} is not sure to be set: ${answer.text}`, answer.ok);
+    if (answer.ok) this.say(`${label} ± ${fixed(uncertainty_ms, 1)} ms`, "ok");
+    else this.say(`marker ${label} is not sure to be set: ${answer.text}`, "bad");
   }
 
-  say(/** @type {string} */ sentence, /** @type {boolean} */ ok) {
+  /** What the server's clock was at a press from before it was known. */
+  known({ pageMs, aheadMs }, /** @type {string} */ label) {
+    this.say(`marker ${label} waits until the server's clock is known`, "plain");
+    return this.clock.when(pageMs, aheadMs);
+  }
+
+  refuse(/** @type {string} */ label) {
+    const why = this.connection.connected ? "the server's clock is not known, press again" : "no connection to the server";
+    this.say(`${why}: marker ${label} is not set`, "bad");
+  }
+
+  say(/** @type {string} */ sentence, /** @type {"ok"|"bad"|"plain"} */ kind) {
     const place = byId("marker-said");
     text(place, sentence);
-    attribute(place, "data-kind", ok ? "ok" : "bad");
+    attribute(place, "data-kind", kind);
     clearTimeout(this.timer);
-    if (ok) this.timer = setTimeout(() => text(place, ""), SAID_MS);
+    if (kind === "ok") this.timer = setTimeout(() => text(place, ""), SAID_MS);
   }
 
   /** The study's markers, and the page's own ones that are still on their way. */

@@ -1,7 +1,7 @@
 // The session: start and stop, what it waits for, what the recorder writes, and the report when it is done.
 
 import { h, keyed, text, attribute, byId } from "./dom.js";
-import { bytes, count, duration, fixed } from "./format.js";
+import { bytes, count, fixed } from "./format.js";
 
 const NOBODY = "No session-coordinator on the graph: sessions can neither be started nor stopped from here.";
 
@@ -53,14 +53,14 @@ export class SessionBar {
     const phases = {
       idle: () => [session.detail || "No session.", unrecorded(session), folder(session.directory)].filter(Boolean).join(" · "), // its title is the whole path
       preparing: () => `${name}: waiting for ${missing} of ${session.checks.length}`,
-      recording: () => (seconds > 0 ? `${name} begins in ${seconds} s` : `${session.doubt ? "▲ REC NOT CONFIRMED" : "● REC"} ${duration(study.wall_ms - session.start_ms)} · ${name}`),
+      recording: () => (seconds > 0 ? `${name} begins in ${seconds} s` : name), // that it records, the header tells
       stopping: () => `${name}: stopping${missing ? `, waiting for ${missing}` : ""}`,
       failed: () => `${name || "session"} failed: ${session.detail || "no reason given"}`,
     };
     const nobody = session.replayed ? `Played back: ${name || "a recording"}` : NOBODY + (this.running ? ` ${name} may go on.` : "");
     const sentence = session.coordinator && !session.replayed ? phases[session.phase]() : nobody;
     text(byId("session-said"), [this.answered, sentence].filter(Boolean).join(" · "));
-    attribute(byId("session-said"), "data-kind", this.answered || session.phase === "failed" || session.doubt || unrecorded(session) ? "bad" : session.phase === "recording" && !session.replayed ? "rec" : "plain");
+    attribute(byId("session-said"), "data-kind", this.answered || session.phase === "failed" || unrecorded(session) ? "bad" : "plain");
     attribute(byId("session-said"), "title", session.directory || null);
   }
 
@@ -69,7 +69,7 @@ export class SessionBar {
     if (!recorder) text(place, "no recorder on the graph");
     else if (recorder.recording === null) text(place, "the recorder says nothing");
     else {
-      const parts = [recorder.recording ? "recording" : "recorder ready"];
+      const parts = recorder.recording ? [] : ["recorder ready"];
       if (recorder.messages !== null && recorder.recording) parts.push(`${count(recorder.messages)} messages`);
       if (recorder.lost !== null && recorder.recording) parts.push(`${count(recorder.lost)} lost`);
       if (recorder.free_bytes !== null) parts.push(`${bytes(recorder.free_bytes)} free`);
@@ -77,7 +77,7 @@ export class SessionBar {
       text(place, parts.join(" · "));
     }
     attribute(place, "data-kind", !recorder && replayed ? "plain" : !recorder || recorder.level === "error" ? "bad" : recorder.recording === null || recorder.level === "warning" || recorder.lost > 0 ? "wait" : "plain");
-    attribute(place, "title", recorder?.directory || null);
+    attribute(place, "title", [recorder?.message, recorder?.directory].filter(Boolean).join("\n") || null);
   }
 
   /** Green is there, red is missing; while recording only what is missing is told. */
