@@ -4,7 +4,7 @@ Extremes are taken with a threshold from the signal's own spread, in the spirit 
 may halve or double a rate (8.8 for 12 /min in Sci Rep 2022), so it is compared with the autocorrelation.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,8 +110,12 @@ def high(waves: Floats, every: list[Breath], found: list[Breath]) -> list[Breath
 
 
 def evenness(found: list[Breath]) -> float:
-    """Return the share of periods that are about the usual one, 0..1; 0 of a single one."""
-    periods = np.diff([breath.peak for breath in found])
+    """Return the share of the periods of breaths that are about the usual one, 0..1; 0 of a single one."""
+    return even_share(np.diff([breath.peak for breath in found]))
+
+
+def even_share(periods: NDArray[Any]) -> float:
+    """Return the share of periods, in any unit, that are about the usual one, 0..1; 0 of a single one."""
     return float(np.mean(np.abs(periods / median(periods) - 1) <= NEAR)) if len(periods) > 1 else 0.0
 
 

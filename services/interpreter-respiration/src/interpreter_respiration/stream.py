@@ -31,6 +31,7 @@ LOOK_S = 60.0  # the past that tells how high a breath is
 AGREE = 0.25  # difference of the two rates, as a share, from which they disagree
 SURE = 0.5  # likeness from which the autocorrelation is evidence against the peaks
 MISSED = 0.1  # of the breaths: so many smaller waves between them, and the rate may be another one
+MISSED_PER_MIN, REPEATS = 1.5, 0.7  # and at least so many a minute where breathing is so alike one period later
 APNOEA_S = 10.0  # without a breath (AASM manual, Berry et al. 2012)
 TOO_HIGH = 2.0  # 1/min that the rate is above that of all the window, for pauses that no period holds
 LASTING_QUALITY, LASTING_BREATHS = 0.4, 2.5  # before a rate is sure: drift looks like breathing for a moment
@@ -335,9 +336,21 @@ class RespirationStream:
         high = features.high(seen.waves, seen.every, seen.breaths)
         for waves, why in ((even, "come as evenly"), (high, f"are {features.HIGH:g} of their height")):
             told, missed = self._between(seen, waves)
-            if missed >= max(1, MISSED * told):
+            if missed >= self._most_missed(seen, told):
                 return [f"{missed} smaller waves between {told} breaths {why} and may be breaths too"]
         return []
+
+    def _most_missed(self, seen: Seen, told: int) -> float:
+        """How many smaller waves between the breaths that were told leave the rate unsure: one where these are uneven.
+
+        So few between even breaths that are alike would change the rate by less than MISSED_PER_MIN.
+        """
+        periods_s = self._periods_s()
+        if features.even_share(periods_s[np.isfinite(periods_s)]) < features.MOSTLY:
+            return 1.0
+        span_s = (self._told[-1].time_ns - max(self._told[0].time_ns, int(seen.times_ns[0]))) / SECOND_NS
+        alike = MISSED_PER_MIN / 60 * span_s if seen.likeness >= REPEATS else 0.0
+        return max(1.0, MISSED * told, alike)
 
     def _between(self, seen: Seen, waves: list[features.Breath]) -> tuple[int, int]:
         """(breaths that were told, waves between them that are none)."""
