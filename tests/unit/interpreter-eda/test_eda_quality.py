@@ -255,6 +255,23 @@ def test_a_pop_and_a_dip_are_no_responses():
     assert len(peaks_s(play(samples, FS_HZ))) == 0
 
 
+@pytest.mark.parametrize("held_s", [0.5, 5.0])
+@pytest.mark.parametrize("height_us", [0.1, 1.0])
+@pytest.mark.parametrize("takes_s", [0.5, 1.0])
+def test_a_hand_that_presses_an_electrode_is_no_good_response(takes_s, height_us, held_s):
+    """Up within takes_s and down again as fast, every 27 s: the reasons say so, and none has a good quality."""
+    times_s = np.arange(180 * 50) / 50
+    pressed = sum(
+        np.interp(times_s, at_s + np.cumsum([0, takes_s, held_s, takes_s]), [0, height_us, height_us, 0])
+        for at_s in np.arange(20.0, 170.0, 27.0)
+    )
+    noise = 0.002 * np.random.default_rng(5).standard_normal(len(times_s))
+    late = play(5.0 + pressed + noise, 50.0)[40:]
+    assert all(update.scr_count > 0 for update in late)
+    assert not any(update.signal_quality >= 0.7 for update in late)
+    assert all("as steep" in " ".join(update.reasons) for update in late)
+
+
 def test_counts_give_events_but_no_microsiemens():
     """Of an uncalibrated channel come counts, rates and times; whatever would be in uS is NaN and says why."""
     last = play(400 * CLEAN, FS_HZ, unit="counts")[-1]

@@ -17,6 +17,10 @@ BEGUN = 0.1  # of the steepest slope: where a rise begins, if the conductance di
 RISE_S = (0.4, 10.0)  # from onset to peak
 JUMP_S, JUMP = 0.2, 0.7  # what rises by this share within this time is no skin
 REBOUND_S, REBOUND = 2.0, 0.5  # what has fallen by this share in this time just before only comes back
+MIRROR_S, EXPLAINS_S = 10.0, 15.0  # a fall so near a response is its mirror; a steeper rise so long before explains it
+MIRROR_RISE_S = 2.5  # what rises more slowly is no hand that presses
+MIRROR, MIRROR_HEIGHT = 0.7, (0.5, 2.0)  # of the rise's steepest slope, and of its height: a fall alike
+EDGE = 8  # newest points whose slope smoothing has not settled
 HUMP = 1.3  # steepest slope of a response over its mean one; a ramp has 1
 CREEP = 1.5  # times what the conductance creeps up by anyway in the time that a response takes to rise
 SUMMIT_S = 1.0  # the slope stays low for so long where a peak is taken for one without a fall after it
@@ -121,6 +125,26 @@ def _rebounds(level: Floats, scr: Scr) -> bool:
         return False
     earlier = level[max(0, start - 3 * reach) : start + 1]
     return bool(before.max() - earlier.min() < fell)
+
+
+def mirrored(level: Floats, scr: Scr) -> bool:
+    """Return whether level, shape (n,), falls near a response as steeply as it rises in it, and by about its height.
+
+    Sweat leaves a duct more slowly than it fills it; a hand that presses an electrode and lets go is as fast both ways.
+    A fall after a steeper rise is the recovery of that.
+    """
+    if scr.peak - scr.onset > MIRROR_RISE_S * GRID_HZ:
+        return False
+    near, before = round(MIRROR_S * GRID_HZ), round(EXPLAINS_S * GRID_HZ)
+    slope = np.gradient(level)
+    least, most = (share * scr.amplitude for share in MIRROR_HEIGHT)
+    begins, ends = max(0, scr.onset - near), min(scr.peak + near, len(level) - EDGE)
+    for begin, steepest, end in rises(-slope[begins:ends], True):
+        at = begins + steepest
+        rose = max(slope[max(0, at - before) : at].max(initial=0.0), slope[scr.onset : scr.peak + 1].max())
+        if least <= level[begins + begin] - level[begins + end] <= most and -slope[at] >= MIRROR * rose:
+            return True
+    return False
 
 
 def half_recovery_s(level: Floats, scr: Scr, next_onset: int | None) -> float:

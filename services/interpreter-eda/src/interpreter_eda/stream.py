@@ -30,6 +30,8 @@ FLAT_AFTER_S = 30.0
 AT_RAIL = 0.5  # share of the last LEVEL_S at an end of the range that is called saturated
 LEVEL_S = 5.0
 ROUNDED = 1e-9  # of the range by which a mean of samples at its end may be off
+JUDGED_NS = round((features.MIRROR_S + 2) * SECOND_NS)  # after its peak: whatever is near a response has come by then
+MIRRORED = 0.1  # share of the window's responses; more of them that fall as they rise are doubted
 AROUND_PEAK = 6  # points after a peak that smoothing has mixed into it
 
 Floats = NDArray[np.float64]
@@ -65,6 +67,7 @@ class Response:
     peak_ns: int
     amplitude: float
     half_recovery_s: float = np.nan
+    mirrored: bool = False  # the conductance falls as steeply as it rose
 
     @property
     def rise_time_s(self) -> float:
@@ -278,15 +281,19 @@ class EdaStream:
         return fresh
 
     def _recover(self) -> None:
-        """Give the responses their recovery where it has come."""
+        """Give the responses their recovery where it has come, and see which of them fall as they rose."""
         begins = newest_run(self._raw)
         if len(self._raw) == begins or not self._responses:
             return
         level, times_ns = smoothed(self._raw[begins:], features.SMOOTH_S), self._times_ns[begins:]
         ends = [*(each.onset_ns for each in self._responses[1:]), None]
         for each, end_ns in zip(self._responses, ends, strict=True):
-            if np.isnan(each.half_recovery_s) and each.peak_ns >= times_ns[0]:
-                peak = int(np.searchsorted(times_ns, each.peak_ns))
+            if each.peak_ns < times_ns[0]:
+                continue
+            onset, peak = (int(at) for at in np.searchsorted(times_ns, (each.onset_ns, each.peak_ns)))
+            if times_ns[-1] - each.peak_ns < JUDGED_NS:
+                each.mirrored |= features.mirrored(level, features.Scr(onset, peak, each.amplitude))
+            if np.isnan(each.half_recovery_s):
                 end = None if end_ns is None else int(np.searchsorted(times_ns, end_ns))
                 each.half_recovery_s = features.half_recovery_s(level, features.Scr(peak, peak, each.amplitude), end)
 
@@ -313,12 +320,16 @@ class EdaStream:
         noise = _median(spread) if seconds > FLAT_AFTER_S else 0.0
         return seconds > NEEDS_S and features.is_flat(known, noise, least)
 
-    @staticmethod
-    def _doubt(raw: Floats) -> str:
-        """Why the responses of this stretch are no skin's; empty where they may be."""
+    def _doubt(self, raw: Floats) -> str:
+        """Why responses of the window are no skin's, raw being its newest stretch; empty where they may be."""
         if wanders(raw):
             return "falls are as steep as rises, nothing is smooth"
-        return "falls are as steep as rises and come as evenly as breaths" if breathes(raw) else ""
+        if breathes(raw):
+            return "falls are as steep as rises and come as evenly as breaths"
+        mirrored, responses = sum(each.mirrored for each in self._responses), len(self._responses)
+        if mirrored > MIRRORED * responses:
+            return f"{mirrored} of {responses} responses fall as steeply as they rise, as where a hand presses"
+        return ""
 
     def _railed(self, raw: Floats) -> NDArray[np.bool_]:
         """Which points are at an end of the range."""
