@@ -27,7 +27,7 @@ SUFFIX = "_BOARD"
 PLAYBACK, STREAMING, NONE = "PLAYBACK_FILE", "STREAMING", "NO"
 SET_TIMER_SLACK = 29  # PR_SET_TIMERSLACK of prctl(2); 0 ns = the slack that the thread began with
 SET_NAME, NAME = 15, "brainflow"  # PR_SET_NAME
-SLACK_NS = 2_000_000  # by so much BrainFlow's threads may take a packet later
+SLACK_NS = 4_000_000  # by so much BrainFlow's threads may take a packet later
 MUSES = ("MUSE_2", "MUSE_S", "MUSE_2016")  # one class of BrainFlow's
 WAKE = signal.SIGURG  # means nothing to a process that does not ask for it
 WAKE_EVERY_S = 0.05
