@@ -30,8 +30,9 @@ def pytest_pycollect_makemodule(module_path: Path) -> None:
 
 def pytest_collection_finish(session: pytest.Session) -> None:
     """Where nothing is drawn, put the plugin of hypothesis away, which imports hypothesis for its last words."""
-    if "hypothesis" not in sys.modules:
-        session.config.pluginmanager.unregister(name="hypothesispytest")
+    plugins = session.config.pluginmanager
+    if "hypothesis" not in sys.modules and plugins.has_plugin("hypothesispytest"):
+        plugins.unregister(name="hypothesispytest")
 
 
 @cache
