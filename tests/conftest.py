@@ -1,24 +1,47 @@
 """Fixtures every kind of test shares."""
 
 import os
+import sys
 from collections.abc import Callable, Generator, Iterable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import pytest
-from hypothesis import HealthCheck, settings
 from processes import Process, Processes, claimed_domain
 
 if TYPE_CHECKING:  # the unit tests run without ROS
     from ears import Ears
 
-settings.register_profile("any machine", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.load_profile("any machine")
-
 ROOT = Path(__file__).resolve().parents[1]
 Node = TypeVar("Node", bound="Ears")
 LAST_WORDS = 6000
 """Characters of each log."""
+
+
+def pytest_pycollect_makemodule(module_path: Path) -> None:
+    """Before a file with drawn examples is imported, have them drawn alike on any machine.
+
+    Importing hypothesis takes longer than many files take to run, so those do without it that draw none.
+    """
+    if "hypothesis" in module_path.read_text(encoding="utf-8"):
+        _draw_alike()
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Where nothing is drawn, put the plugin of hypothesis away, which imports hypothesis for its last words."""
+    plugins = session.config.pluginmanager
+    if "hypothesis" not in sys.modules and plugins.has_plugin("hypothesispytest"):
+        plugins.unregister(name="hypothesispytest")
+
+
+@cache
+def _draw_alike() -> None:
+    from hypothesis import HealthCheck, settings
+
+    slow = [HealthCheck.too_slow]
+    settings.register_profile("any machine", derandomize=True, deadline=None, suppress_health_check=slow)
+    settings.load_profile("any machine")
 
 
 @pytest.hookimpl(wrapper=True)

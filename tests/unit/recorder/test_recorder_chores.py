@@ -62,7 +62,7 @@ def test_at_the_end_a_long_one_is_ended_and_named():
 
 def test_the_patient_wait_while_a_session_is_recorded():
     """A report is not begun during a session, a repair is; once there is no session it is made."""
-    patient = Chore("timeit", Path("pass"), patient=True)
+    patient = Chore("calendar", Path("2001"), patient=True)
     said, left, _ = done_with(patient, OK, session=True)
     assert ([chore for chore, _, _ in said], left) == ([OK, patient], [])
 
@@ -86,7 +86,7 @@ def test_a_machine_without_room_for_a_process_is_asked_again(monkeypatch, refusa
         return await real(*words, **how)
 
     monkeypatch.setattr(asyncio, "create_subprocess_exec", begin)
-    first = Chore("timeit", Path("1"))
+    first = Chore("calendar", Path("2001"))
     said, undone, _ = done_with(first, OK)
     assert [(chore, status == 0) for chore, status, _ in said] == [(first, refusals < 3), (OK, True)]
     assert undone == []

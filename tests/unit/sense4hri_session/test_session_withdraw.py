@@ -490,12 +490,21 @@ def test_an_export_that_was_killed_is_deleted_too(session, during):
     assert list(other.glob("csv/p1_*"))
 
 
-@pytest.mark.parametrize("named", ["the recording", "all"])
-def test_a_copy_to_be_shared_that_was_killed_is_deleted_too(session, capsys, named):
-    """What was copied so far lies beside the recording under a hidden name; nobody knows of it, so it goes as well."""
-    study = session.parents[1]
+@pytest.fixture(scope="module")
+def half_shared(original, tmp_path_factory):
+    """The folder of all recordings, where a copy to be shared was killed while it was made."""
+    folder = tmp_path_factory.mktemp("killed")
+    session = place(shutil.copytree(original, folder / "copy"), folder / "recordings")
     command = [sys.executable, "-c", KILLED, "bids", str(session), "--share"]
     assert subprocess.run(command, check=False, timeout=400).returncode == -signal.SIGKILL
+    return folder / "recordings"
+
+
+@pytest.mark.parametrize("named", ["the recording", "all"])
+def test_a_copy_to_be_shared_that_was_killed_is_deleted_too(half_shared, tmp_path, capsys, named):
+    """What was copied so far lies beside the recording under a hidden name; nobody knows of it, so it goes as well."""
+    (session,) = shutil.copytree(half_shared, tmp_path / "recordings").glob(f"*/*/{NAME}")
+    study = session.parents[1]
     assert list(session.parent.glob(f".{NAME}_shared.*/*/*.mcap"))
     assert main([str(session if named == "the recording" else study), "--human", "p1", "--yes", "--quiet"]) == 0
     (left,) = study.rglob("*.mcap")
