@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from interpreter_ppg import features, jumps, lines, premature
-from interpreter_ppg.doubts import JUMPS
+from interpreter_ppg.doubts import JUMPS, SINE
 from interpreter_ppg.stream import UNTOLD
+from sense4hri.lasting import IN_DOUBT
 
 TRIALS = Path(__file__).resolve().parents[2] / "bench" / "ppg_trials.py"
 spec = importlib.util.spec_from_file_location("ppg_trials", TRIALS)
@@ -49,6 +50,16 @@ def test_a_flicker_as_fast_as_a_heart_has_no_sure_rate(fs_hz, frequency_hz):
     updates = trials.play(LEVEL + PULSE * flicker + noise(t), fs_hz)
     assert not trials.confident(updates, 0.7)
     assert any("has no overtones" in reason for update in updates for reason in update.reasons)
+
+
+def test_every_doubt_is_told_where_the_quality_is_low_anyway():
+    """Where noise takes a flicker below 0.69, the reason stays: from the first doubt on every update tells it."""
+    t = np.arange(0, 60, 1 / 55)
+    updates = trials.play(LEVEL + PULSE * trials.sine(1.2, t) + noise(t, PULSE / 2), 55)
+    told = [SINE in update.reasons for update in updates]
+    after = updates[told.index(True) :]
+    assert sum(update.signal_quality < IN_DOUBT for update in after) > len(after) / 2
+    assert all(told[-len(after) :])
 
 
 @pytest.mark.parametrize(("fs_hz", "frequency_hz"), [(25, 1.2), (64, 1.5), (130, 1.0)])
