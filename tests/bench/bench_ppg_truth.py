@@ -19,6 +19,7 @@ LONG_S, SHORT_S = 600.0, 120.0
 SENSOR_RATES_HZ = (28, 55, 135)  # of arm bands and wristbands
 HUM_RATES_HZ = (25, 28, 50, 55, 64, 100, 128, 130, 135, 176, 250, 256, 500)
 CONFIDENT, PROMISED_BPM, PROMISED_MS = 0.7, 5.0, 10.0
+MOTION_TIMES = (0.5, 0.7, 0.9, 1.25, 1.5, 2, 3)  # rates of steps, of the heart's
 LAG_S = 1.2  # of what an update tells behind its last sample
 
 
@@ -107,6 +108,22 @@ def promise_row(
     return row(f"PPG, {name}: rate and RMSSD off at quality >= 0.7", "<= 5 /min, <= 10 ms", "; ".join(told), ok)
 
 
+def motion_row(times: float, seconds: float) -> Row:
+    """Steps at so many times the heart's rate, half, once and twice as high as the pulse, no accelerometer."""
+    t, off, sure, total = times_s(55, seconds), 0, 0, 0
+    for bpm in (55, 68, 75, 90, 110):
+        heart = trials.heart(seconds, bpm, 25 if bpm < 100 else 10)
+        pulses, steps = trials.pulses(heart, t), trials.walking(times * bpm / 60, t)
+        for height in (0.5, 1, 2):
+            updates = trials.play(LEVEL + PULSE * (pulses + height * np.ptp(pulses) * steps), 55)
+            given = trials.confident(updates, CONFIDENT)
+            rates = [abs(u.heart_rate_bpm - heart.rate_bpm(trials.end_s(u) - LAG_S)) for u in given]
+            off += sum(bpm_off > PROMISED_BPM for bpm_off in rates)
+            sure, total = sure + len(given), total + len(updates)
+    what = f"PPG, steps at {times:g} times the heart's rate, 0.5, 1 and 2 pulses high: rates off by > 5 /min"
+    return row(what, "0", f"{off} of {sure} at quality >= 0.7, {total} updates", not off)
+
+
 def premature_row(early: float, height: float, seconds: float) -> Row:
     """RMSSD at quality 0.7 and more against that of the normal beats, worst of two hearts."""
     t, off_ms, given, total = times_s(55, seconds), 0.0, 0, 0
@@ -133,6 +150,7 @@ def rows(seconds: float = LONG_S) -> list[Row]:
         no_heart_row("tremor of 5 Hz", lambda t: trials.tremor(5, t), seconds),
         no_heart_row("pops of one sample, 1.2/s", lambda t: np.diff(np.floor(1.2 * t), prepend=0.0), seconds),
         fast_row(),
+        *(motion_row(times, SHORT_S / 2) for times in MOTION_TIMES),
         *(premature_row(early, height, SHORT_S) for early, height in ((0.55, 0.3), (0.65, 0), (0.75, 0.5), (0.8, 0.7))),
         *(hum_row(fs_hz, min(seconds, 2 * SHORT_S)) for fs_hz in HUM_RATES_HZ),
         *(promise_row(f"white noise of {s:g}", lambda t, s=s: s * trials.white(t), SHORT_S) for s in shares),

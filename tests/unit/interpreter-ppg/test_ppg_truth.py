@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from interpreter_ppg import features, jumps, lines, premature
-from interpreter_ppg.doubts import JUMPS
+from interpreter_ppg.doubts import JUMPS, SINE
 from interpreter_ppg.stream import UNTOLD
+from sense4hri.lasting import IN_DOUBT
 
 TRIALS = Path(__file__).resolve().parents[2] / "bench" / "ppg_trials.py"
 spec = importlib.util.spec_from_file_location("ppg_trials", TRIALS)
@@ -49,6 +50,16 @@ def test_a_flicker_as_fast_as_a_heart_has_no_sure_rate(fs_hz, frequency_hz):
     updates = trials.play(LEVEL + PULSE * flicker + noise(t), fs_hz)
     assert not trials.confident(updates, 0.7)
     assert any("has no overtones" in reason for update in updates for reason in update.reasons)
+
+
+def test_every_doubt_is_told_where_the_quality_is_low_anyway():
+    """Where noise takes a flicker below 0.69, the reason stays: from the first doubt on every update tells it."""
+    t = np.arange(0, 60, 1 / 55)
+    updates = trials.play(LEVEL + PULSE * trials.sine(1.2, t) + noise(t, PULSE / 2), 55)
+    told = [SINE in update.reasons for update in updates]
+    after = updates[told.index(True) :]
+    assert sum(update.signal_quality < IN_DOUBT for update in after) > len(after) / 2
+    assert all(told[-len(after) :])
 
 
 @pytest.mark.parametrize(("fs_hz", "frequency_hz"), [(25, 1.2), (64, 1.5), (130, 1.0)])
@@ -303,7 +314,7 @@ def surely_off(updates, heart):
     """
     sure = [update for update in trials.confident(updates, 0.7) if trials.end_s(update) > 9]
     off = [u for u in sure if abs(u.heart_rate_bpm - heart.rate_bpm(trials.end_s(u) - 1)) > 5]
-    return off, [u for u in updates if "signal_quality: two rhythms, the pulse may be the slower one" in u.reasons]
+    return off, [u for u in updates if "signal_quality: two rhythms, the pulse may be the other one" in u.reasons]
 
 
 @pytest.mark.parametrize(("bpm", "height", "at_s"), [(75, 0.7, 0.6), (75, 1, 0.6), (75, 1.3, 0.6), (95, 1, 0.5)])
@@ -342,6 +353,17 @@ def test_a_faster_motion_is_no_sure_rate(times, height):
     for motion in (trials.sine(times * 1.25, t), 2 * trials.walking(times * 1.25, t)):
         off, _ = surely_off(trials.play(LEVEL + PULSE * (trials.pulses(heart, t) + height * motion), 55), heart)
         assert not off
+
+
+@pytest.mark.parametrize(("bpm", "times"), [(55, 1.25), (75, 1.25), (75, 0.7), (95, 0.7)])
+@pytest.mark.parametrize("height", [1, 2])
+def test_a_motion_nearly_as_fast_as_the_heart_is_no_sure_rate(bpm, times, height):
+    """Too near for two lines, and told in the heart's place: what is left without its waves beats at another rate."""
+    t, heart = np.arange(0, 40, 1 / 55), trials.heart(40, bpm)
+    steps = 2 * height * trials.walking(times * bpm / 60, t)
+    off, doubtful = surely_off(trials.play(LEVEL + PULSE * (trials.pulses(heart, t) + steps), 55), heart)
+    assert not off
+    assert len(doubtful) > 20
 
 
 def test_two_rhythms_leave_no_variability():

@@ -5,7 +5,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from interpreter_ppg import features, jumps, lines
+from interpreter_ppg import features, jumps, lines, residual
 from interpreter_ppg.detector import LOOKAHEAD_S, Pulse, PulseDetector
 
 Floats = NDArray[np.float64]
@@ -67,12 +67,23 @@ class Channel:
         """Return the frequency of another rhythm than the one told; NaN where there is none, or none is told."""
         return lines.second_rhythm_hz(self._ppg, self._fs_hz, told_hz) if np.isfinite(told_hz) else np.nan
 
+    def another_rhythm(self) -> bool:
+        """Return whether what is left without the pulses repeats at a rate of its own."""
+        rises_s = self._rises_s()
+        if not len(rises_s):
+            return False
+        wave = features.steady(features.slope(self._ppg, self._fs_hz), self._fs_hz)
+        return residual.another_rhythm(wave, self._times_s, rises_s)
+
     def overtones(self) -> float:
         """Return the overtones of the mean pulse over its first harmonic; NaN for fewer than three intervals."""
-        if not self._pulses:
-            return np.nan
+        rises_s = self._rises_s()
+        return features.overtones(self._ppg, self._times_s, rises_s) if len(rises_s) else np.nan
+
+    def _rises_s(self) -> Floats:
+        """Return the times of the pulses in what was looked at last, shape (m,)."""
         rises_s = np.array([pulse.time_s for pulse in self._pulses])
-        return features.overtones(self._ppg, self._times_s, rises_s[rises_s >= self._times_s[0]])
+        return rises_s[rises_s >= self._times_s[0]] if len(rises_s) else rises_s
 
     def _quality(self, now_s: float) -> float:
         """Likeness of the pulses with their template, times the share of the window their intervals fill."""

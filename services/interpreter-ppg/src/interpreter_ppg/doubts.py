@@ -14,7 +14,7 @@ HALF_WITHIN = 0.05  # of the rate told: a line so near to half of it is that of 
 JUMPS_PER_PULSE = 0.75  # no pulse jumps; a level does now and then
 SLOW = f"signal_quality: below {features.SLOWEST_BPM:g} /min it may be breathing or movements"
 SHORT = f"signal_quality: good for less than {LASTING_S:g} s"
-TWO_RHYTHMS = "signal_quality: two rhythms, the pulse may be the slower one"
+TWO_RHYTHMS = "signal_quality: two rhythms, the pulse may be the other one"
 SINE = "signal_quality: the wave has no overtones, it may be flicker or a tremor"
 JUMPS = "signal_quality: the level jumps with every pulse, it may be a lamp or a contact"
 IRREGULAR = "signal_quality: the intervals have no order, pulses too low to be seen may be missing"
@@ -61,12 +61,15 @@ class Doubts:
     def _see_two_rhythms(self, channel: Channel, end_ns: int, window: Window, rate_bpm: float) -> None:
         """Take what a window shows of a second rhythm.
 
-        A pulse of two waves alike stays one: there is doubt until all that is told of it has left the window.
+        A pulse of two waves alike stays one, and so does a motion that adds to the pulses: there is doubt until all
+        that is told of it has left the window.
         """
         share = channel.second_rhythm_hz(rate_bpm / 60) * 60 / rate_bpm  # of the rate told; NaN where there is none
         rr_ms, alike = window.rr_ms, features.two_waves(window.rr_ms) or abs(share - 0.5) < HALF_WITHIN
-        if alike or np.isfinite(share) or features.alternate(rr_ms) or features.doubled(rr_ms, window.trusted):
-            self._hold(TWO_RHYTHMS, end_ns, self._window_s if alike else TWO_RHYTHMS_S)
+        if alike or channel.another_rhythm():
+            self._hold(TWO_RHYTHMS, end_ns, self._window_s)
+        elif np.isfinite(share) or features.alternate(rr_ms) or features.doubled(rr_ms, window.trusted):
+            self._hold(TWO_RHYTHMS, end_ns, TWO_RHYTHMS_S)
 
     def _hold(self, reason: str, end_ns: int, hold_s: float) -> None:
         self._until_ns[reason] = max(self._until_ns[reason], end_ns + round(hold_s * SECOND_NS))

@@ -50,7 +50,7 @@ IRREGULAR, FEWEST_BESIDE = 0.125, 4
 VANISHED, UNLIKE_SHARE = 0.4, 0.15
 # The mean pulse: in so many phases, of so many intervals at least, and its overtones up to this one. Together they are
 # at least 0.25 of the first one in the pulses of fingers, ears and arms, 0.13 in sines that wax and wane.
-PHASES, FEWEST_TURNS, HIGHEST_OVERTONE, LEAST_OVERTONES = 32, 3, 4, 0.17
+PHASES, FEWEST_TURNS, HIGHEST_OVERTONE, LEAST_OVERTONES = np.arange(32) / 32, 3, 4, 0.17
 SHAPE_S = np.arange(-0.25, 0.451, 0.02)  # where the shape of a pulse is compared
 ALIKE, UNLIKE = 0.97, 0.70  # correlations of a pulse with the template that mean quality 1 and 0
 
@@ -276,6 +276,11 @@ def shape(ppg_slope: Floats, times_s: Floats, rise_s: float) -> Floats:
     return values / length if length > 0 else values
 
 
+def turns(ppg: Floats, times_s: Floats, rises_s: Floats) -> Floats:
+    """Return ppg of every interval between rises_s, shape (m,), brought to one length, shape (m - 1, len(PHASES))."""
+    return np.interp(rises_s[:-1, None] + np.diff(rises_s)[:, None] * PHASES, times_s, ppg)
+
+
 def overtones(ppg: Floats, times_s: Floats, rises_s: Floats) -> float:
     """Return the overtones of the mean pulse of ppg over its first harmonic, amplitudes; NaN for fewer than three.
 
@@ -284,13 +289,10 @@ def overtones(ppg: Floats, times_s: Floats, rises_s: Floats) -> float:
     """
     if len(rises_s) <= FEWEST_TURNS:
         return np.nan
-    phases = np.arange(PHASES) / PHASES
-    lasts_s = np.diff(rises_s)[:, None]
-    turns = np.interp(rises_s[:-1, None] + lasts_s * phases, times_s, ppg)
     levels = np.interp(rises_s, times_s, ppg)
-    turns -= levels[:-1, None] + np.diff(levels)[:, None] * phases
-    turns -= turns.mean(axis=1, keepdims=True)
-    harmonics = np.abs(np.fft.rfft(medians(turns.T)))
+    level = turns(ppg, times_s, rises_s) - (levels[:-1, None] + np.diff(levels)[:, None] * PHASES)
+    level -= level.mean(axis=1, keepdims=True)
+    harmonics = np.abs(np.fft.rfft(medians(level.T)))
     higher = float(np.linalg.norm(harmonics[2 : HIGHEST_OVERTONE + 1]))
     return higher / float(harmonics[1]) if harmonics[1] > 0 else np.nan
 

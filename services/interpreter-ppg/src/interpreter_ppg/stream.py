@@ -18,7 +18,7 @@ from interpreter_ppg.channel import MOST_PULSES_PER_S, Channel
 from interpreter_ppg.config import POLARITIES, Config
 from interpreter_ppg.detector import CONTEXT_S, CUT_LOOKAHEAD_S, LOOKAHEAD_S
 from interpreter_ppg.device_rate import DeviceRate
-from interpreter_ppg.doubts import TWO_RHYTHMS, Doubts
+from interpreter_ppg.doubts import Doubts
 from interpreter_ppg.premature import NormalBeats, Taken, by_timing
 from interpreter_ppg.unsure import LACKING, Unsure
 from interpreter_ppg.window import Beat, Window
@@ -208,9 +208,8 @@ class PpgStream:
             reasons.append("signal_quality: the device moves at the rate of the pulses")
         quality = channel.quality ** (1 + MOTION_COST * moved.strength) * (1 - moves_alike * STEPS_COST)
         doubts = self._doubts.see(channel, block.end_ns, window, rate_bpm)
-        costs = quality > IN_DOUBT and doubts
-        reasons += [doubt for doubt in doubts if doubt == TWO_RHYTHMS or (costs and doubt == doubts[0])]
-        return IN_DOUBT if costs else quality
+        reasons += doubts
+        return IN_DOUBT if doubts and quality > IN_DOUBT else quality
 
     def _look(self, reasons: list[str], lookahead_s: float) -> None:
         """Let every channel look at the window, choose one, and take its fresh pulses."""
