@@ -669,6 +669,25 @@ def test_a_dialog_is_as_large_as_what_is_in_it(lab: Lab, new_page: OpenPage, siz
         expect(page.locator(dialog)).to_be_hidden()
 
 
+CLOSED_AND_PRESSED = """(key) => {
+    const typed = document.querySelector("#start-more-humans");
+    document.querySelector("#start").close();
+    typed.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
+}"""
+
+
+@pytest.mark.parametrize(("key", "dialog"), [("n", "#note"), ("?", "#help")])
+def test_a_key_right_after_a_dialog_was_closed_is_an_order(lab: Lab, new_page: OpenPage, key: str, dialog: str) -> None:
+    """Until the next picture is drawn the browser sends it to what was typed into there."""
+    page = streaming(new_page(lab.address))
+    page.keyboard.press("g")
+    expect(page.locator("#start")).to_be_visible()
+    page.locator("#start-more-humans").fill("q")
+    page.evaluate(CLOSED_AND_PRESSED, key)
+    expect(page.locator(dialog)).to_be_visible()
+    page.keyboard.press("Escape")
+
+
 def test_the_study_of_the_session_before_is_offered(new_page: OpenPage) -> None:
     """Whoever starts the next session of a study need not type its name once more."""
     with Four() as lab:

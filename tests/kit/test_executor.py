@@ -8,7 +8,7 @@ from concurrent.futures import Future
 import pytest
 from builtin_interfaces.msg import Time
 from ears import Ears
-from processes import poll
+from processes import DEADLINE_S, poll
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.parameter import Parameter
@@ -294,6 +294,7 @@ def test_what_may_wait_does_not_wait_again_while_there_is_more_of_it(spun, opene
     poll(publisher.get_subscription_count, "the two know each other")
     for number in range(4 * MOST_AT_ONCE):
         publisher.publish(String(data=str(number)))
+    assert publisher.wait_for_all_acked(Duration(seconds=DEADLINE_S))  # what comes later may wait
     spun.thread.start()
     poll(lambda: len(heard) == 4 * MOST_AT_ONCE, lambda: f"all are heard: {len(heard)}, {spun.failures}", 30)
     assert heard == [str(number) for number in range(4 * MOST_AT_ONCE)]

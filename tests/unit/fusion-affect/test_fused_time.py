@@ -40,6 +40,16 @@ def test_wall_time_does_not_matter() -> None:
     assert {s.state for s in wanted} == {"calm_relaxed", "stressed_anxious"}
 
 
+def test_who_is_who_holds_for_the_first_state_where_it_is_told_before_that() -> None:
+    """At a start nothing orders it among the inputs: one heard a moment later must not make another first state."""
+    fusion = Fusion(TREE)
+    assert run(fusion, 0.7, start=0.6) == []
+    fusion.persons("tracked", ("p1",))
+    fusion.person_face("p1", "f1")
+    states = run(fusion, 2.0, start=1.3)
+    assert [(s.time_ns, s.person_id) for s in states] == [(at(1), "p1"), (at(2), "p1")]
+
+
 def test_time_that_steps_back_begins_afresh() -> None:
     """A replay that starts over gives the states of its first pass again."""
     fusion = Fusion(TREE)

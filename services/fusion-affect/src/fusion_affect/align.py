@@ -94,6 +94,8 @@ class Grid:
         """The next point; 0 = not known yet."""
         self.now_ns: int | None = None
         """The newest stamp of any input; None before the first."""
+        self.begun = False
+        """Whether a point has been due."""
 
     def stepped_back(self, source: str, stamp_ns: int) -> bool:
         """True where this source's stamps have stepped back so far that what was before is another story."""
@@ -139,7 +141,7 @@ class Grid:
             self.next_ns = settled_ns // SECOND_NS * SECOND_NS
         points = list(range(self.next_ns, settled_ns + 1, SECOND_NS))
         if points:
-            self.next_ns = points[-1] + SECOND_NS
+            self.begun, self.next_ns = True, points[-1] + SECOND_NS
         return points
 
     def _waited_for(self, source: str, behind_ns: int) -> bool:

@@ -204,13 +204,15 @@ class Fusion:
     def _learn(self, news: Callable[[], None], from_ns: int = 0) -> int:
         """Who is who holds from from_ns on; where it bears no stamp or one far ahead of all inputs, from the newest.
 
-        Returns from when on it holds.
+        What is told before the first state holds for that too: at a start nothing orders it among the inputs. Returns
+        from when on it holds.
         """
         now_ns = self._grid.now_ns
         if now_ns is None:
             news()
             return 0
-        time_ns = from_ns if 0 < from_ns < now_ns + JUMP_NS else now_ns
+        newest_ns = now_ns if self._grid.begun else min(now_ns, self._grid.next_ns)
+        time_ns = from_ns if 0 < from_ns < now_ns + JUMP_NS else newest_ns
         insort(self._news, (time_ns, news), key=itemgetter(0))
         if len(self._news) > MOST_NEWS:  # no input moves the grid
             self._news.popleft()[1]()

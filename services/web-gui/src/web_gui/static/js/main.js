@@ -186,8 +186,8 @@ const setWindow = (/** @type {number} */ seconds) => { lanes.setWindow(seconds);
 const oldest = () => lanes.now() - 1000 * study.history_s + lanes.windowMs;
 const openDialog = (/** @type {string} */ id) => /** @type {HTMLDialogElement} */ (byId(id)).showModal();
 
-/** Where a key is a letter, and no order. */
-const TYPED_INTO = "textarea, input:not([type=range]):not([type=checkbox]), #wearer";
+/** Where a key is a letter, and no order; a dialog that was closed keeps the keys until the next picture. */
+const CLOSED = "dialog:not([open])", TYPED_INTO = "textarea, input:not([type=range]):not([type=checkbox]), #wearer";
 
 const KEYS = {
   " ": () => lanes.pause(),
@@ -217,12 +217,12 @@ const KEYS = {
 document.addEventListener("keydown", (event) => {
   const target = /** @type {Element} */ (event.target);
   if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
-  if (target.closest(TYPED_INTO)) return;
+  if (target.closest(TYPED_INTO) && !target.closest(CLOSED)) return;
   if (markers.takeKey(event)) {
     event.preventDefault(); // also a list's own search, which would choose somebody else
     return;
   }
-  if (!study || target.closest("input, select")) return; // which have other keys of their own
+  if (!study || (target.closest("input, select") && !target.closest(CLOSED))) return; // which have other keys of their own
   const act = KEYS[keyOf(event)];
   if (!act || (event.key === " " && target.closest("button, a") && !target.closest(".lane-pick"))) return;
   event.preventDefault();
