@@ -15,12 +15,13 @@ from ears import Ears
 from processes import Process, poll
 from scripted_study import BAND, STRAP, STREAMS
 from sense4hri import qos
+from sense4hri.stamps import to_ns
 from sense4hri_msgs.msg import PhysioRaw
 from wall_clock import WallClock
 
 PAGE = "web_gui"
 READY_S = 90.0
-DRAIN_S = 0.3
+DRAIN_S, LATE_NS = 0.3, 10**9
 
 
 class ProcessLab:
@@ -66,8 +67,16 @@ class ProcessLab:
     def samples(self, topic: str) -> int:
         drained = time.monotonic() + DRAIN_S  # what has come while a command was waited for is no news
         while time.monotonic() < drained:
-            self._ears.spin(0)
+            if self._heard_late():
+                drained = time.monotonic() + DRAIN_S
         return len(self._heard[topic])
+
+    def _heard_late(self) -> bool:
+        """Hear one thing, if anything has come; True where it was sent long ago, as after a machine stood still."""
+        before = {topic: len(heard) for topic, heard in self._heard.items()}
+        self._ears.spin(0)
+        fresh = [heard[-1] for topic, heard in self._heard.items() if len(heard) > before[topic]]
+        return any(to_ns(message.header.stamp) < self.clock.now_ns() - LATE_NS for message in fresh)
 
     def parts(self) -> int:
         return len(scripted_study.folders(self.recordings))
