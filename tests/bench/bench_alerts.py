@@ -31,7 +31,7 @@ from wall_clock import WallClock
 FIRES_WITHIN_S = 15.0
 LONGEST_S = 90.0
 BUDGET_S = float(os.environ.get("BUDGET_S", "1200"))
-DISK_MB = 200
+DISK_MB = 2000
 ECG, PPG = "interpreter_ecg", "interpreter_ppg"
 TARGET = "<= 15 s"
 OTHER_HOST = "other"
@@ -39,10 +39,14 @@ APART_S, BEGINS_ANEW_EVERY_S = 0.5, 10.0
 """Two machines' clocks; and how often a sensor's begins anew: before the 20 s after which clock-sync may be sure."""
 NOBODY = "Polar H10 00000000"
 FLOOD = str(Path(__file__).with_name("flood_publisher.py"))
-FLOOD_WORDS = ("2", "200", "200000", "120")
-"""Topics, messages per second, bytes of each, seconds."""
-OWN_FLOODS = [("40", "6000", "200", "120", f"flood_{number}") for number in range(4)]
-"""More than a core takes in; 150 messages/s of each topic, of which its queue holds half a minute."""
+BYTES_FLOOD = ("2", "200", "50000", "120")
+"""Topics, messages per second, bytes of each, seconds: an inbox holds 3 s of it."""
+SPREAD_FLOOD = ("40", "6000", "200", "120", "flood_spread")
+"""150 messages per second of each topic, of which the recorder's queue holds half a minute."""
+ONE_FLOOD = ("1", "4000", "200", "120", "flood_one")
+"""4000 messages per second of one topic, of which the recorder's queue holds a second."""
+CROWD = (sys.executable, "-c", "while True: pass")
+LEAST_NICE = 19
 DOWN = ("ServiceDown", "ServiceUnanswering")
 SHORT_BYTES, NO_BYTES = 6_000_000, 100_000
 """What is left for minutes only; and less than the tenth of `free_floor_mb` at which a running recording stops."""
@@ -113,6 +117,38 @@ class Starved:
             process.send(signal.SIGCONT)
 
 
+class Crowded:
+    """Leaves the thread that does a process's work some hundredth of a core; its other threads go on receiving.
+
+    SIGSTOP would not do: what is stopped does not receive either, and a message waits from its receipt on.
+    thread_name: as the kit calls it; empty: the main thread.
+    """
+
+    def __init__(self, process: Callable[[], Process], thread_name: str) -> None:
+        self._process, self._name, self._cores = process, thread_name, os.sched_getaffinity(0)
+        self._crowd = list[subprocess.Popen[bytes]]()
+
+    def begin(self) -> None:
+        core, thread = {min(self._cores)}, self._thread()
+        self._crowd.append(subprocess.Popen(CROWD))
+        for crowding in (thread, self._crowd[0].pid):
+            os.sched_setaffinity(crowding, core)
+        os.setpriority(os.PRIO_PROCESS, thread, LEAST_NICE)
+
+    def end(self) -> None:
+        self._crowd[0].kill()
+        self._crowd[0].wait()
+        os.setpriority(os.PRIO_PROCESS, self._thread(), 0)
+        os.sched_setaffinity(self._thread(), self._cores)
+
+    def _thread(self) -> int:
+        """Return the number by which the system knows the thread."""
+        process = self._process().child.pid
+        threads = (process, *(int(one.name) for one in Path(f"/proc/{process}/task").iterdir()))
+        names = ((one, Path(f"/proc/{process}/task/{one}/comm").read_text().strip()) for one in threads)
+        return next(one for one, name in names if self._name in ("", name))
+
+
 class Repeated:
     """Does something at once and every so many seconds, until it is told to end."""
 
@@ -152,7 +188,7 @@ class Watched:
     def rows(self) -> list[dict[str, Any]]:
         """Return a row for each fault, one after the other."""
         found, begun_s = list[dict[str, Any]](), time.monotonic()
-        for fault in [*self._faults(), *(self._disk_faults() if self._here.small else [])]:
+        for fault in [*self._faults(), *(self._faults_of_root() if self._here.small else [])]:
             if time.monotonic() - begun_s < BUDGET_S:
                 found.append(self._measured(fault))
                 print(found[-1], file=sys.stderr, flush=True)
@@ -193,12 +229,9 @@ class Watched:
             self._restarted("interpreter killed and begun anew", PPG),
             self._turned("one of fifty packets lost", "SamplesLost", STRAP, "loss", 0.02, 0.0, stays_s=60.0),
             self._turned("link slower by 1.5 s", "LinkBehind", STRAP, "latency_s", 1.53, 0.03),
-            self._flooded("flood of 40 MB/s"),
             self._absent("driver of a sensor that is not there"),
             self._doubled("two machines of one host name"),
             self._beginning_anew("clock of a sensor begins anew every 10 s", STRAP),
-            self._overwhelmed("24 000 messages/s for one core, too many for queues", "MessagesLost", stays_s=60.0),
-            self._overwhelmed("24 000 messages/s for a recorder that has one core", "RecorderBehind"),
         ]
 
     def _turn(self, sensor: str, knob: str, value: object) -> None:
@@ -244,47 +277,28 @@ class Watched:
         starved = Starved(lambda: self._study.running[name])
         return Fault(what, ("LatencyGrowing",), starved.begin, starved.end, stays_s=30.0)
 
-    def _flooded(self, what: str) -> Fault:
-        floods: list[subprocess.Popen[bytes]] = []
-
-        def begin() -> None:
-            floods.append(subprocess.Popen([sys.executable, FLOOD, *FLOOD_WORDS], stdout=subprocess.DEVNULL))
-
-        def end() -> None:
-            floods[0].kill()
-            floods[0].wait()
-
-        return Fault(what, ("MessagesDropped",), begin, end, stays_s=60.0)
-
-    def _overwhelmed(self, what: str, alert: str, stays_s: float = 0.0) -> Fault:
-        """SIGSTOP would not do: what is stopped does not receive either, and a message waits from its receipt on."""
-        floods, cores = list[subprocess.Popen[str]](), os.sched_getaffinity(0)
+    def _flooded(self, what: str, alert: str, name: str, thread_name: str, words: tuple[str, ...]) -> Fault:
+        """More comes than a service takes in whose working thread hardly gets a core."""
+        crowded = Crowded(lambda: self._study.running[name], thread_name)
+        floods = list[subprocess.Popen[str]]()
 
         def prepare() -> None:
-            for words in OWN_FLOODS:
-                command = [sys.executable, FLOOD, *words]
-                floods.append(subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True))
-            for flood in floods:
-                assert flood.stdout is not None
-                assert flood.stdout.readline() == "there\n"
+            command = [sys.executable, FLOOD, *words]
+            floods.append(subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True))
+            assert floods[0].stdout is not None
+            assert floods[0].stdout.readline() == "there\n"
 
         def begin() -> None:
-            self._keep_to({min(cores)}, RECORDER)
-            for flood in floods:
-                assert flood.stdin is not None
-                flood.stdin.close()
+            crowded.begin()
+            assert floods[0].stdin is not None
+            floods[0].stdin.close()
 
         def end() -> None:
-            for flood in floods:
-                with flood:
-                    flood.kill()
-            self._keep_to(cores, RECORDER)
+            with floods[0]:
+                floods[0].kill()
+            crowded.end()
 
-        return Fault(what, (alert,), begin, end, stays_s, prepare=prepare)
-
-    def _keep_to(self, cores: set[int], name: str) -> None:
-        for thread in Path(f"/proc/{self._study.running[name].child.pid}/task").iterdir():
-            os.sched_setaffinity(int(thread.name), cores)
+        return Fault(what, (alert,), begin, end, stays_s=60.0, prepare=prepare)
 
     def _absent(self, what: str) -> Fault:
         begun: list[Process] = []
@@ -314,15 +328,21 @@ class Watched:
 
         return Fault(what, ("ServiceRestarting",), again, lambda: None, stays_s=120.0)
 
-    def _disk_faults(self) -> list[Fault]:
-        """Room for some minutes only, then none at all."""
+    def _faults_of_root(self) -> list[Fault]:
+        """A crowd takes the core, which only root can give back; then room for some minutes only, then none at all."""
         ballast = self._here.disk / "ballast"
 
         def fill(left_bytes: int) -> None:
             free = os.statvfs(self._here.disk)
-            ballast.write_bytes(bytes(max(free.f_bavail * free.f_frsize - left_bytes, 0)))
+            with ballast.open("ab") as file:
+                os.posix_fallocate(file.fileno(), file.tell(), max(free.f_bavail * free.f_frsize - left_bytes, 1))
 
         return [
+            self._flooded("10 MB/s, a busy interpreter", "MessagesDropped", ECG, "", BYTES_FLOOD),
+            self._flooded("4000 messages/s, a busy recorder", "MessagesLost", RECORDER, "hearing", ONE_FLOOD),
+            self._flooded(
+                "6000 messages/s of 40 topics, a busy recorder", "RecorderBehind", RECORDER, "hearing", SPREAD_FLOOD
+            ),
             Fault("disk of the recordings fills", ("DiskFilling",), lambda: fill(SHORT_BYTES), ballast.unlink),
             Fault("disk of the recordings is full", ("RecorderCannotRecord",), lambda: fill(NO_BYTES), ballast.unlink),
         ]

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from contextlib import suppress
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -114,6 +115,16 @@ def test_a_service_says_that_it_lives_which_thread_hangs_and_that_it_ends(start,
     assert (second.trouble, second.ended) == ("", False)
     assert toy.stop() == 0
     assert poll(lambda: newest().ended, "that it ends")
+
+
+def test_the_operating_system_knows_each_thread_by_its_name(start):
+    """So `top -H` tells which of them is busy."""
+    toy = start("toy_service.py")
+
+    def names() -> set[str]:
+        return {file.read_text().strip() for file in Path(f"/proc/{toy.child.pid}/task").glob("*/comm")}
+
+    poll(lambda: {"round", "http", "liveness"} <= names(), "threads with their names")
 
 
 def test_two_of_one_name_both_say_so_in_their_log(start):

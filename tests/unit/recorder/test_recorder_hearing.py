@@ -142,10 +142,11 @@ def test_a_round_that_was_kept_waiting_is_rested_for_by_what_it_used_and_answers
     assert rests[0] < 0.4  # twice the 0.4 s that were waited would be 0.8
 
 
-def test_how_far_behind_it_is_is_told_in_the_middle_of_a_round(monkeypatch):
-    """Where more comes than is taken in a round lasts for seconds, and what the one before has found is long past."""
+@pytest.fixture
+def rounds(monkeypatch):
+    """Two rounds of a hearing, to be made by `.work[0]()`; what it then said of itself at their ends."""
     monkeypatch.setattr(hearing_module.rcl, "WaitSet", Ready)
-    clock, work, behind_s = SimpleNamespace(now_s=0.0), [], []
+    clock, work, ends = SimpleNamespace(now_s=0.0), [], []
     node = SimpleNamespace(
         create_subscription=lambda kind, name, take, profile, **_: Sent(name, 1, clock),
         context=SimpleNamespace(handle=None),
@@ -155,21 +156,40 @@ def test_how_far_behind_it_is_is_told_in_the_middle_of_a_round(monkeypatch):
         work.append(function)
         return SimpleNamespace(join=lambda: None)
 
-    hearing = Hearing(SimpleNamespace(node=node, thread=thread))
-    rounds = []
-
     def rest(seconds):
-        rounds.append(hearing.behind_s)
-        if len(rounds) == 2:
+        ends.append(hearing.behind_s)
+        if len(ends) == 2:
             hearing.close(lambda: None)
 
+    hearing = Hearing(SimpleNamespace(node=node, thread=thread))
     monkeypatch.setattr(hearing_module.time, "sleep", rest)
+    return SimpleNamespace(hearing=hearing, work=work, ends=ends)
+
+
+def test_how_far_behind_it_is_is_told_in_the_middle_of_a_round(monkeypatch, rounds):
+    """Where more comes than is taken in a round lasts for seconds, and what the one before has found is long past."""
+    hearing, told = rounds.hearing, []
     monkeypatch.setattr(hearing_module.time, "time_ns", lambda: 5_000_000_001)  # 5 s after what `Sent` gives
     for name in ("/a", "/b"):
-        hearing.subscribe(bytes, name, lambda _: behind_s.append(hearing.behind_s), None, True)
-    work[0]()
-    assert behind_s == [0.0, 5.0]
-    assert rounds == [5.0, 0.0]
+        hearing.subscribe(bytes, name, lambda _: told.append(hearing.behind_s), None, True)
+    rounds.work[0]()
+    assert told == [0.0, 5.0]
+    assert rounds.ends == [5.0, 0.0]
+
+
+def test_what_comes_while_a_round_hardly_goes_on_waits_for_it(monkeypatch, rounds):
+    """A thread that hardly gets a core takes one topic for a minute: nothing of it was late, all that follows is."""
+    hearing, told, now = rounds.hearing, [], SimpleNamespace(ns=1)  # when `Sent` was received
+    monkeypatch.setattr(hearing_module.time, "time_ns", lambda: now.ns)
+
+    def take(_):
+        now.ns += 60 * hearing_module.SECOND_NS
+        told.append(hearing.behind_s)
+
+    hearing.subscribe(bytes, "/a", take, None, True)
+    rounds.work[0]()
+    assert told == [60.0]
+    assert rounds.ends == [0.0, 0.0]
 
 
 def test_after_a_round_that_used_much_it_rests_no_longer_than_a_stop_can_wait(monkeypatch):

@@ -14,6 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Awaitable, Callable, Collection, Coroutine, Iterable, Sequence
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -236,11 +237,13 @@ class Service(Generic[Config]):
     def thread(self, name: str, work: Callable[[], None], pulse: Pulse | None = None) -> threading.Thread:
         """Run work() on a thread of its own; where it raises, the service fails. Returns the running thread.
 
+        name: `top -H` and debuggers show its first 15 letters.
         pulse: work() lets it beat in each of its rounds, and the service fails as well where it no longer does.
         """
         told_as = f"the {name} thread"
 
         def run_and_tell() -> None:
+            _show_name(name)
             try:
                 work()
             except Exception as err:  # noqa: BLE001 - handed to until_stopped, which raises it
@@ -346,3 +349,9 @@ class Service(Generic[Config]):
 def _next_beat(begun_s: float, now_s: float, seconds: float) -> float:
     """Return the next time after now_s that lies a multiple of so many seconds after begun_s."""
     return begun_s + (math.floor((now_s - begun_s) / seconds + 1e-6) + 1) * seconds
+
+
+def _show_name(name: str) -> None:
+    """Let the operating system know this thread by its name; only Linux has it as a file."""
+    with contextlib.suppress(OSError):
+        Path(f"/proc/self/task/{threading.get_native_id()}/comm").write_text(name)

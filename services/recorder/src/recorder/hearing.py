@@ -61,7 +61,7 @@ class _Heard(NamedTuple):
 
 
 class Hearing:
-    """Every subscription of the recorder's topics. behind_s: how long the newest messages of the study's own waited."""
+    """Every subscription of the recorder's topics."""
 
     def __init__(self, service: Service[Any]) -> None:
         self._node, self._group = service.node, _Elsewhere()
@@ -71,10 +71,17 @@ class Hearing:
         self._stop = False
         self._turn = 0
         self._oldest_ns = 0
-        self.behind_s = 0.0
+        self._waited_s = 0.0  # the study's own messages, before they were taken
+        self._taking_since_ns: int | None = None
         self.rounds = 0
         self._pulse = Pulse()
         self._thread = service.thread("hearing", self._hear, self._pulse)
+
+    @property
+    def behind_s(self) -> float:
+        """How long the study's newest messages waited; in a round at least since it began: they wait for the next."""
+        since_ns = self._taking_since_ns
+        return max(self._waited_s, 0.0 if since_ns is None else (time.time_ns() - since_ns) / SECOND_NS)
 
     def subscribe(
         self, kind: type, name: str, take: Callable[[Taken], None], profile: QoSProfile, first: bool
@@ -152,12 +159,12 @@ class Hearing:
         return [one for one in heard if one.subscription.handle.pointer in pointers]
 
     def _take_all(self, ready: Iterable[_Heard], take: Take) -> None:
-        self._oldest_ns = now_ns = time.time_ns()
+        self._oldest_ns = self._taking_since_ns = now_ns = time.time_ns()
         for one in ready:
             self._pulse.beat()  # on a machine that is too busy a round may take longer than a hang
             _take(one, take, MOST_AT_ONCE)
-            self.behind_s = max(self.behind_s, (now_ns - self._oldest_ns) / SECOND_NS)  # a long round tells meanwhile
-        self.behind_s = (now_ns - self._oldest_ns) / SECOND_NS
+            self._waited_s = max(self._waited_s, (now_ns - self._oldest_ns) / SECOND_NS)
+        self._waited_s, self._taking_since_ns = (now_ns - self._oldest_ns) / SECOND_NS, None
 
     def _take_some(self, ready: list[_Heard], take: Take) -> None:
         """What is left for the next round stays in the middleware, which counts what it cannot keep."""
