@@ -28,7 +28,7 @@ OF_HOST := $(if $(HOST),-f "$$part")
 PART := $(if $(HOST),part="$$(.venv/bin/python compose/host_override.py --study $(call quoted,$(STUDY)) --host $(call quoted,$(HOST)) $(if $(TLS),--tls))" &&)
 TOKENS = $(PYTHON) compose/study_tokens.py $(call quoted,$(STUDY))
 
-.PHONY: help env demo test lint generate new-driver new-interpreter new-service bench soak images up down logs ps lock k8s check study licences sbom clean
+.PHONY: help env demo test lint generate pictures new-driver new-interpreter new-service bench soak images up down logs ps lock k8s check study licences sbom clean
 
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /make \1\t/' | expand -t 22
@@ -57,6 +57,9 @@ lint: env ## ruff and mypy
 generate: env ## what is written from something else: default.yaml and the README's table of every service, docs/devices.md, k8s/demo and k8s/polar
 	@$(RUN) interfaces/template/generate.py
 	@$(RUN) k8s/render_study.py
+
+pictures: env ## the README's pictures of the page, taken anew
+	@$(RUN) tests/browser/take_pictures.py
 
 NEW := $(RUN) interfaces/template/new.py
 TIDY := .venv/bin/ruff format -q services tests/unit && .venv/bin/ruff check -q --fix services tests/unit

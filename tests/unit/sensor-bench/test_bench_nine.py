@@ -41,18 +41,25 @@ def test_no_signal_leaves_the_range_of_the_record(body):
 
 
 def test_the_truth_is_in_the_signals(body):
-    """R peaks are the highest points near their times, muscles are loud in bursts alone, alpha is at the back."""
+    """R peaks are the highest points near their times, and breathe as the chest does; muscles, alpha at the back."""
     truth = json.loads((FOLDER / "truth.json").read_text())
     fs_hz, ecg = body["ecg"]
     for at_s in truth["r_peaks_s"][1:-1]:
         near = round(at_s * fs_hz) + np.arange(-50, 51)
         assert abs(near[np.argmax(ecg[near])] / fs_hz - at_s) < 0.01
+    assert breaths_per_min(ecg[np.rint(np.array(truth["r_peaks_s"]) * fs_hz).astype(int)]) == 15
+    assert breaths_per_min(body["acc_z"][1]) == truth["breaths_per_min"] == 15
     fs_hz, emg = body["biceps"]
     times_s = np.arange(len(emg)) / fs_hz
     active = np.any([(times_s > begin) & (times_s < end) for begin, end in truth["emg_bursts_s"]], axis=0)
     assert emg[active].std() > 15 * emg[~active].std()
     spectrum = np.abs(np.fft.rfft(body["O1"][1]))
     assert np.argmax(spectrum) / truth["seconds"] == pytest.approx(truth["alpha_hz"], abs=0.3)
+
+
+def breaths_per_min(values):
+    """Return the strongest swing of a minute that is slower than a step and no drift."""
+    return 2 + int(np.argmax(np.abs(np.fft.rfft(values))[2:31]))
 
 
 def test_the_minute_has_no_seam(body):

@@ -19,6 +19,7 @@ from sensor_bench.signals.waveforms import FloatArray, stored
 
 SECONDS = 60
 BEATS, BREATHS, SWING = 66, 15, 0.04  # in the minute; how much breathing moves a beat, in s
+R_SWING, TILT_M_PER_S2 = 0.07, 0.17  # with the breath: R higher and lower by this share, the chest tilted by a degree
 BURSTS_S = ((10.0, 13.0), (30.0, 34.0), (50.0, 52.0))
 RESPONSES = ((8.0, 0.5), (23.0, 0.4), (41.0, 0.6))  # onset in s and amplitude in uS
 STEPS_S, STEP_HZ = (42.0, 52.0), 1.8
@@ -46,7 +47,7 @@ def tracks() -> dict[str, Track]:
     wearing, waves = Wearing(), stored()
     ecg = EcgSource(heart, wearing, waves, seed=1).read(0, 250 * SECONDS, 250).astype(np.float64)
     ppg = PpgSource(heart, wearing, waves, seed=2).read(0, 55 * SECONDS, 55).astype(np.float64)
-    found = {"ecg": Track(250, "uV", 10, 0, ecg[:, 0])}
+    found = {"ecg": Track(250, "uV", 10, 0, ecg[:, 0] * (1 - R_SWING * np.cos(_phase(_times(250)))))}
     found |= {f"ppg_{i}": Track(55, "counts", 1, PpgSource.BASE[i], ppg[:, i]) for i in range(3)}
     found["ambient"] = Track(55, "counts", 1, PpgSource.BASE[3], ppg[:, 3])
     found["eda"] = Track(10, "uS", 1000, 0, _eda(_times(10)))
@@ -207,7 +208,7 @@ def _lids(times_s: FloatArray) -> FloatArray:
 def _motion(times_s: FloatArray) -> dict[str, FloatArray]:
     """Return somebody upright who breathes, and walks for a while."""
     walking = _within(times_s, *STEPS_S, 0.5) * np.sin(2 * np.pi * STEP_HZ * times_s)
-    breath = 0.03 * np.cos(_phase(times_s))
+    breath = TILT_M_PER_S2 * np.cos(_phase(times_s))
     return {
         "x": 0.3 + _noise(9, 50, 0.02),
         "y": 9.8 + 1.5 * walking + _noise(10, 50, 0.02),
