@@ -129,6 +129,7 @@ def _late(study: Study, now_ns: int) -> Iterator[Problem]:
     if late:
         delay_s, worst = max(late, key=lambda one: one[0])
         who = f"{worst.name.human_id} / {worst.name.sensor_id}: {worst.name.sensor_type} comes"
-        more = f", and {len(late) - 1} more streams are late" if len(late) > 1 else ""
+        others = {1: "", 2: ", and one more stream is late"}
+        more = others.get(len(late), f", and {len(late) - 1} more streams are late")
         text = f"{who} {delay_s:.1f} s after its receipt{more}: a machine or the network is too busy"
         yield Problem.of("LatencyGrowing", "late streams", text, worst.key)
