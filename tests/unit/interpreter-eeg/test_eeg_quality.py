@@ -226,6 +226,25 @@ def test_an_eye_movement_is_no_blink(width_s, sides):
     assert extra(last, "blink_count")[0] == 0
 
 
+@pytest.mark.parametrize(
+    ("hz", "height_uv", "band"), [(1.8, 60.0, "delta"), (2.2, 60.0, "delta"), (16.7, 6.0, "beta"), (25.0, 6.0, "beta")]
+)
+def test_a_line_that_no_brain_makes_is_told(hz, height_uv, band):
+    """Steps in a cable, a railway's current, a screen: the band is told at no good quality, with the line's place."""
+    samples = brain(SECONDS, FS_HZ, 2)
+    before, last = (
+        play(samples + on * height_uv * np.sin(2 * np.pi * hz * TIMES_S)[:, None], FS_HZ, ("Fp1", "Fp2"))[-1]
+        for on in (0, 1)
+    )
+    assert getattr(last, f"{band}_uv2")[0] > 3 * getattr(before, f"{band}_uv2")[0]
+    assert last.alpha_uv2 == pytest.approx(before.alpha_uv2, rel=0.1)
+    assert max(last.channel_quality) < 0.7 < 0.9 < min(before.channel_quality)
+    told = [float(reason.split(" at ")[1].split(" Hz")[0]) for reason in last.reasons if reason.startswith("a line")]
+    assert told == pytest.approx([hz] * len(told), abs=0.5)
+    assert told
+    assert not any(reason.startswith("a line") for reason in before.reasons)
+
+
 def test_a_clench_is_left_out_and_the_rest_told():
     """Two seconds of muscle at one channel: marked there, and beta stays what it was."""
     samples = brain(SECONDS, FS_HZ, 2)
