@@ -181,6 +181,29 @@ def test_blinks_that_no_electrode_at_the_forehead_sees_are_left_out(names, reach
     assert not len(extra(last, "blink_age"))
 
 
+@pytest.mark.parametrize(
+    ("names", "reach", "height_uv", "most"),
+    [
+        (("ch1", "ch2", "ch3", "ch4"), (1.0, 1.0, 0.4, 0.0), 150.0, 2.0),
+        (("Cz", "Oz"), (0.2, 0.0), 150.0, 2.5),
+        (("Cz", "Oz"), (0.2, 0.0), 300.0, 2.5),
+    ],
+)
+@pytest.mark.parametrize("seed", range(3))
+def test_where_the_forehead_is_not_known_each_electrode_tells_of_the_blinks_that_come_to_it(
+    names, reach, height_uv, most, seed
+):
+    """Every 3 s, at electrodes without a name or far back: no delta of good quality is so many times as great."""
+    samples = brain(SECONDS, FS_HZ, len(names), seed=seed)
+    blinks = blink(TIMES_S, np.arange(2.3, SECONDS - 1, 3.0), height_uv)
+    before, last = (play(samples + shown * blinks[:, None] * reach, FS_HZ, names)[-1] for shown in (0, 1))
+    confident = np.array(last.channel_quality) >= 0.7
+    assert (np.array(last.delta_uv2) < most * np.array(before.delta_uv2))[confident].all()
+    assert names[0] in next(reason for reason in last.reasons if "(blinks)" in reason)
+    assert min(before.channel_quality) > 0.95
+    assert last.channel_quality[-1] > 0.95
+
+
 def test_a_pop_of_one_electrode_is_no_blink():
     """A jump at Fp1 is counted there and left out; slow and even drift of both sides is neither."""
     samples = brain(SECONDS, FS_HZ, len(CAP))
@@ -201,6 +224,25 @@ def test_an_eye_movement_is_no_blink(width_s, sides):
     samples = brain(SECONDS, FS_HZ, 2) + bump[:, None] * sides
     last = play(samples, FS_HZ, ("AF7", "AF8"), config=Config(segment_s=4.0))[-1]
     assert extra(last, "blink_count")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("hz", "height_uv", "band"), [(1.8, 60.0, "delta"), (2.2, 60.0, "delta"), (16.7, 6.0, "beta"), (25.0, 6.0, "beta")]
+)
+def test_a_line_that_no_brain_makes_is_told(hz, height_uv, band):
+    """Steps in a cable, a railway's current, a screen: the band is told at no good quality, with the line's place."""
+    samples = brain(SECONDS, FS_HZ, 2)
+    before, last = (
+        play(samples + on * height_uv * np.sin(2 * np.pi * hz * TIMES_S)[:, None], FS_HZ, ("Fp1", "Fp2"))[-1]
+        for on in (0, 1)
+    )
+    assert getattr(last, f"{band}_uv2")[0] > 3 * getattr(before, f"{band}_uv2")[0]
+    assert last.alpha_uv2 == pytest.approx(before.alpha_uv2, rel=0.1)
+    assert max(last.channel_quality) < 0.7 < 0.9 < min(before.channel_quality)
+    told = [float(reason.split(" at ")[1].split(" Hz")[0]) for reason in last.reasons if reason.startswith("a line")]
+    assert told == pytest.approx([hz] * len(told), abs=0.5)
+    assert told
+    assert not any(reason.startswith("a line") for reason in before.reasons)
 
 
 def test_a_clench_is_left_out_and_the_rest_told():
@@ -272,12 +314,12 @@ def test_short_holes_are_drawn_through_and_long_ones_restart():
     """Single lost frames cost quality and no number; where no segment is whole there is none, and why."""
     samples = brain(SECONDS, FS_HZ, 1)
     every_4_s = [(at + 0.5, at + 0.54) for at in np.arange(0.0, SECONDS, 4.0)]
-    short = play(samples, FS_HZ, ["Cz"], sizes=[5] * 1024, lost=every_4_s)[-1]
-    whole = play(samples, FS_HZ, ["Cz"])[-1]
+    short = play(samples, FS_HZ, ["Fp1"], sizes=[5] * 1024, lost=every_4_s)[-1]
+    whole = play(samples, FS_HZ, ["Fp1"])[-1]
     assert short.alpha_uv2[0] == pytest.approx(whole.alpha_uv2[0], rel=0.15)
     assert 0.5 < short.signal_quality < whole.signal_quality
     each_s = [(at, at + 0.3) for at in np.arange(0.0, SECONDS, 1.0)]
-    broken = play(samples, FS_HZ, ["Cz"], sizes=[5] * 1024, lost=each_s)[-1]
+    broken = play(samples, FS_HZ, ["Fp1"], sizes=[5] * 1024, lost=each_s)[-1]
     nothing_is_claimed(broken, "lost")
 
 

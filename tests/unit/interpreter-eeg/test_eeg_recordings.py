@@ -79,3 +79,11 @@ def test_lost_packets_of_an_openbci_counter(shared_data):
     assert whole.signal_quality > short.signal_quality > long.signal_quality > 0.5
     np.testing.assert_allclose(short.alpha_uv2, whole.alpha_uv2, rtol=0.15)
     np.testing.assert_allclose(long.alpha_uv2, whole.alpha_uv2, rtol=0.4)
+
+
+def test_no_recording_has_a_line(shared_data):
+    """What EEGLAB, BioSPPy and a Muse recorded holds no line that is told."""
+    raw = [np.loadtxt(shared_data / "eeg" / "biosppy" / f"eeg_{eyes}.txt")[:, None] for eyes in ("ec", "eo")]
+    played = [play(samples, BIOSPPY_HZ, ["EEG"], "counts") for samples in raw]
+    played += [play(eeglab(shared_data), EEGLAB_HZ, EEGLAB), play(muse(shared_data), MUSE_HZ, MUSE)]
+    assert not [reason for updates in played for update in updates for reason in update.reasons if "a line" in reason]

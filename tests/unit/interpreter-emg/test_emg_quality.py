@@ -222,6 +222,18 @@ def test_pulses_of_a_stimulator_leave_numbers():
     assert np.isfinite([(update.rms_uv[0], update.signal_quality) for update in updates]).all()
 
 
+@pytest.mark.parametrize("fs_hz", [500.0, 1000.0, 2000.0])
+def test_a_cable_that_swings_is_no_work(fs_hz):
+    """Swings of 200 uV at 6 Hz for a third of a second, at rest and at work: every burst of work, and no other."""
+    bursts_s = [(at_s, at_s + 1.5) for at_s in range(7, 55, 8)]
+    samples = muscle(60, fs_hz, bursts_s)
+    after_s = np.arange(len(samples))[:, None] / fs_hz - np.arange(6.5, 58.0, 2.7)
+    swings = (np.exp(-0.5 * (after_s / 0.15) ** 2) * np.sin(2 * np.pi * 6 * after_s)).sum(axis=1)
+    updates = play(samples + 200.0 * swings, fs_hz)
+    np.testing.assert_allclose(event_times_s(updates, "onset_timestamps"), [b for b, _ in bursts_s], atol=0.03)
+    np.testing.assert_allclose(event_times_s(updates, "offset_timestamps"), [e for _, e in bursts_s], atol=0.08)
+
+
 def test_the_heart_is_told_and_is_no_work():
     """QRS complexes in a trunk muscle: channel and rate are named, they start no activity, bursts are still found."""
     updates = play(np.array([CLEAN + heartbeats(SECONDS, FS_HZ, 72, 100.0), CLEAN]).T, names=("trapezius", "biceps"))

@@ -210,3 +210,17 @@ def test_values_that_are_held_hide_blinks_and_lower_no_rate():
     assert len(told) > 10
     assert max(update.signal_quality for update in told) < 0.7
     np.testing.assert_allclose([update.blink_rate_per_min for update in told], 15.0, atol=3.5)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("fs_hz", [100.0, 250.0])
+def test_channels_that_are_swapped_are_told(fs_hz, sign):
+    """Blinks in heog, and a veog that only looks aside: from the ninth on no rate is sure, and why is said."""
+    blinks_s = np.arange(4.0, 78.0, 3.0)
+    gaze = [(at_s + 1.5, 150.0 * (-1) ** k) for k, at_s in enumerate(blinks_s)]
+    right = eyes(80, fs_hz, blinks_s, gaze)
+    swapped = play(sign * right[:, ::-1], fs_hz=fs_hz)[34:]
+    assert max(update.signal_quality for update in swapped) < 0.7
+    assert all(any("channels are swapped" in reason for reason in update.reasons) for update in swapped)
+    as_named = play(sign * right, fs_hz=fs_hz)
+    assert not any("channels are swapped" in reason for update in as_named for reason in update.reasons)

@@ -194,3 +194,25 @@ def test_a_missing_channel_is_named():
     """Without gaze_y nothing can be done."""
     with pytest.raises(ValueError, match="gaze_x and gaze_y are needed"):
         EyeStream(Config(), StreamInfo(StreamName("p1", "eye_tracking", "s1"), 60.0, "deg", ("gaze_x", "x")))
+
+
+@pytest.mark.parametrize("lost_s", [0.05, 0.1])
+def test_a_tracker_that_loses_the_eyes_again_and_again_tells_no_blinks(lost_s):
+    """For so long in every 0.3 s, as behind glasses: no number of blinks, no good quality, and why."""
+    flickering = CLEAN.copy()
+    flickering[lost_s > TIMES_S % 0.3] = np.nan
+    updates = in_deg(flickering, FS_HZ, make)
+    assert all(update.blink_count == -1 and np.isnan(update.blink_rate_per_min) for update in updates[11:])
+    assert not any(update.blink_timestamps for update in updates[11:])
+    assert max(update.signal_quality for update in updates[11:]) < 0.5
+    assert all(any("as by no lid" in reason for reason in update.reasons) for update in updates[11:])
+
+
+def test_eyes_that_blink_often_are_believed():
+    """A blink of 0.15 s in every 0.9 s: all are counted, at a good quality, and no reason doubts them."""
+    blinking = CLEAN.copy()
+    blinking[TIMES_S % 0.9 < 0.15] = np.nan
+    last = in_deg(blinking, FS_HZ, make)[-1]
+    assert 60 < last.blink_rate_per_min < 70
+    assert last.signal_quality > 0.7
+    assert not any("as by no lid" in reason for reason in last.reasons)

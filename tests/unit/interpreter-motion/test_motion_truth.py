@@ -102,3 +102,14 @@ def test_the_result_does_not_depend_on_how_samples_are_cut():
     texts = [repr([update._replace(received_ns=0) for update in play(samples, 25.0, sizes=cut)]) for cut in sizes]
     assert texts[0] == texts[1] == texts[2]
     assert len(texts[0]) > 1000
+
+
+@pytest.mark.parametrize("per_min", [26.0, 30.0, 36.0, 42.0])
+@pytest.mark.parametrize("fs_hz", [25.0, 52.0, 200.0])
+def test_steps_too_slow_to_be_told_are_not_called_none(fs_hz, per_min):
+    """Who walks so slowly, or rocks, has no rate and a reason; who walks as usual has never that reason."""
+    slow = play(acceleration(60, fs_hz, [(5, 55, per_min)]), fs_hz)[20:50]
+    assert all(np.isnan(update.step_rate_per_min) for update in slow)
+    assert all(any("a rhythm slower than 46 a minute" in reason for reason in update.reasons) for update in slow)
+    usual = play(acceleration(40, fs_hz, [(10, 30, 110)]), fs_hz)
+    assert not any("a rhythm slower" in reason for update in usual for reason in update.reasons)

@@ -124,12 +124,17 @@ def blinks(segment: Floats, fs_hz: float, montage: Montage, usable: Bools, floor
 
 
 def _behind(level: Floats, fs_hz: float, montage: Montage, usable: Bools, floor: float) -> Bools:
-    """Return which channels show what would be a blink by the usable electrodes behind the forehead."""
+    """Return which channels show what would be a blink by the usable electrodes behind the forehead.
+
+    Without any of them each electrode of the scalp tells of itself: of those without a name one may be at the forehead.
+    """
     columns = [column for column in montage.present(BEHIND) if usable[column]]
-    if not columns:
-        return np.zeros(level.shape[1], bool)
-    nearest = _levelled(level[:, columns].mean(axis=1))
-    return _spoilt(level, nearest, _bumps(nearest, fs_hz, SHARE_BEHIND * floor), fs_hz)
+    least = SHARE_BEHIND * floor
+    if columns:
+        nearest = _levelled(level[:, columns].mean(axis=1))
+        return _spoilt(level, nearest, _bumps(nearest, fs_hz, least), fs_hz)
+    alone = montage.scalp & usable
+    return np.array([bool(alone[k]) and bool(_bumps(_levelled(level[:, k]), fs_hz, least)) for k in range(len(alone))])
 
 
 def _spoilt(level: Floats, seen: Floats, peaks: list[int], fs_hz: float) -> Bools:

@@ -18,6 +18,11 @@ SLOW_HZ, FAST_HZ = (2.0, 12.0), (20.0, 45.0)  # EEG has far more below than abov
 PEAK_HZ, AROUND_HZ, WIDE_HZ = (7.0, 13.0), (2.0, 30.0), (6.0, 14.0)  # alpha peak, what its background is, but for
 STANDS_OUT = 2.0  # times the background that the alpha peak is high
 WHITE, HUM, SLOW = 0.25, 10.0, 10.0  # where the terms of quality are a half
+LINE_HZ, LINE_BESIDE = (
+    ((1.5, 6.0), (14.0, 45.0)),
+    3,
+)  # where a line is looked for, and bins to those beside: Hann's lobe
+LINE, LINE_LEAVES = 60.0, 0.5  # times what is beside it that a line halves the quality; no line lowers it further
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -97,6 +102,20 @@ def whiteness(found: Spectrum) -> Floats:
     """Return the density of fast over slow frequencies, shape (channels,): 1 of white noise, usually < 0.1 of EEG."""
     slow = found.within(*SLOW_HZ).mean(axis=0)
     return np.asarray(fast_density(found) / np.maximum(slow, 1e-30))
+
+
+def lines(found: Spectrum) -> tuple[Floats, Floats]:
+    """Return how often the density of the clearest line is that on either side of it, and its Hz, shapes (channels,).
+
+    A rhythm of the brain is broader than a bin; what walks, pumps or flickers is not. Alpha is left out, which in some
+    people is as narrow.
+    """
+    psd, hz = found.psd, found.hz[LINE_BESIDE:-LINE_BESIDE]
+    beside = np.maximum(psd[: -2 * LINE_BESIDE], psd[2 * LINE_BESIDE :])
+    inside = np.any([(hz >= low) & (hz < high) for low, high in LINE_HZ], axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = np.nan_to_num(psd[LINE_BESIDE:-LINE_BESIDE] / beside)[inside]
+    return ratio.max(axis=0), hz[inside][ratio.argmax(axis=0)]
 
 
 def rms(found: Spectrum) -> Floats:

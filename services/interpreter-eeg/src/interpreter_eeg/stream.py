@@ -168,7 +168,9 @@ class EegStream:
         )
 
     def _reasons(self, window: Window, powers: Floats, found: indices.Indices, peak_hz: float) -> list[str]:
-        reasons = self._rate.reasons() + self._folded() + self._bad(window) + self._left_out(window)
+        reasons = (
+            self._rate.reasons() + self._folded() + self._bad(window) + self._left_out(window) + self._lines(window)
+        )
         if self._config.reference == "linked" and window.bad[self._montage.linked()].any():
             reasons.append("reference 'linked' needs both ears, and one of them gives no signal")
         if self._config.reference == "average" and (~window.bad & self._montage.scalp).sum() < FEWEST_LEFT:
@@ -206,6 +208,13 @@ class EegStream:
             for what, where in window.left_out.items()
         }
         return [f"parts left out ({what}): {_listed(names)}" for what, names in shown.items() if names]
+
+    def _lines(self, window: Window) -> list[str]:
+        """A reason per frequency at which channels show what is narrower than a rhythm of the brain."""
+        at_hz = np.unique(window.line_hz[np.isfinite(window.line_hz)])
+        shown = [(hz, [self._montage.names[column] for column in np.flatnonzero(window.line_hz == hz)]) for hz in at_hz]
+        told = "a line, as of steps, a pump or a screen, is in the bands"
+        return [f"{told}, at {hz:.3g} Hz: {_listed(names)}" for hz, names in shown]
 
     def _nothing(self, block: Block, window_s: float, quality: float, reason: str) -> EegUpdate:
         nan = np.nan

@@ -5,10 +5,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from interpreter_eeg.features import Spectrum, quality_terms
+from interpreter_eeg.features import LINE, LINE_LEAVES, Spectrum, lines, quality_terms
 from interpreter_eeg.segments import Measured
 
 FEWEST = 3  # segments without an artefact that a channel's spectrum is made of
+FEWEST_FOR_LINE, LINE_TOLD = (
+    8,
+    36.0,
+)  # of them: in fewer, chance makes lines; times what is beside it from which it is told
 LARGE = "too large for EEG: is the unit right?"
 MARKS = {"flat": "flat", "saturated": "saturated", LARGE: "large", "electrode pops": "popped", "blinks": "blinked"}
 TOLD = (LARGE, "blinks", "electrode pops", "muscle")  # what is told of channels that are not bad
@@ -24,7 +28,7 @@ class Window(NamedTuple):
 
     quality 0..1. bad: below the least quality, or too few good segments; cause: the main reason of each. excluded:
     share of the segments left out; left_out: by artefact, whether any was. pops, muscle: how many pops, how many
-    segments with muscle. hum: rms of the mains.
+    segments with muscle. hum: rms of the mains. line_hz: where a line is that no brain makes, NaN without one.
     """
 
     spectrum: Spectrum
@@ -36,6 +40,7 @@ class Window(NamedTuple):
     pops: NDArray[np.int64]
     muscle: NDArray[np.int64]
     hum: Floats
+    line_hz: Floats
 
 
 def window_of(segments: list[Measured], expected: int, min_quality: float, doubts: float = 1.0) -> Window:
@@ -50,10 +55,13 @@ def window_of(segments: list[Measured], expected: int, min_quality: float, doubt
     found = Spectrum(_mean(_each(segments, "psd"), good), segments[0].step_hz)
     hum = _each(segments, "hum").mean(axis=0)
     came, alike = (~missing).sum(axis=0), np.median(_each(segments, "alike"), axis=0)
+    line, line_hz = lines(found)
+    line = np.where(good.sum(axis=0) >= FEWEST_FOR_LINE, line, 0.0)
     terms = {
         "samples missing": _each(segments, "filled").mean(axis=0) * np.minimum(1.0, came / max(expected, 1)),
         **{what: 1 - where.sum(axis=0) / np.maximum(came, 1) for what, where in spoilt.items()},
         "the same at all electrodes: bridged, or a noisy reference": np.minimum(1.0, (1 - alike) / OWN),
+        "a line": np.maximum(LINE_LEAVES, 1 / (1 + (line / LINE) ** 4)),
         **quality_terms(found, hum, _each(segments, "drift").mean(axis=0)),
     }
     shares = np.nan_to_num(np.stack(list(terms.values())), nan=1.0)
@@ -70,6 +78,7 @@ def window_of(segments: list[Measured], expected: int, min_quality: float, doubt
         pops=_each(segments, "pops").sum(axis=0),
         muscle=muscle.sum(axis=0),
         hum=hum,
+        line_hz=np.where((line >= LINE_TOLD) & ~bad, line_hz, np.nan),
     )
 
 

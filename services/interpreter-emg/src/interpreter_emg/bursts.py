@@ -43,9 +43,10 @@ class Bursts:
 
     def __init__(self, fs_hz: float, channels: int, ratios: tuple[float, float], least_rms: float) -> None:
         self._channels, self._on, self._off = channels, ratios[0] ** 2, ratios[1] ** 2
-        self._least_power, self._sos = least_rms**2, None
+        self._least_power = least_rms**2
+        self._sos = butter(2, BAND_HZ[0], "highpass", fs=fs_hz, output="sos")
         if BELOW_NYQUIST * fs_hz / 2 > HIGHEST_HZ:
-            self._sos = butter(2, HIGHEST_HZ, fs=fs_hz, output="sos")
+            self._sos = butter(2, (BAND_HZ[0], HIGHEST_HZ), "bandpass", fs=fs_hz, output="sos")
         bandwidth_hz = min(HIGHEST_HZ, BELOW_NYQUIST * fs_hz / 2) - BAND_HZ[0]
         self._fine = max(1, round(FINE_S * fs_hz))
         self._fines = max(1, round(max(HOP_S, HOP_PERIODS / bandwidth_hz) * fs_hz / self._fine))
@@ -67,7 +68,7 @@ class Bursts:
         """The next samples do not follow on those before; who was active is so no more."""
         empty = np.empty((0, self._channels))
         self.active = np.zeros(self._channels, bool)
-        self._state = None if self._sos is None else np.zeros((len(self._sos), 2, self._channels))
+        self._state = np.zeros((len(self._sos), 2, self._channels))
         self._left, self._left_ns = empty, np.empty(0, np.int64)
         self._squares, self._squares_ns, self._powers = empty, np.empty(0, np.int64), empty
         self._told_ns, self._lost = np.full(self._channels, -(2**62)), np.zeros(self._channels, int)
@@ -84,10 +85,8 @@ class Bursts:
         hidden_rms: shape (channels,), of mains and rounding that may be in them still.
         """
         self._least = np.maximum(self._least_power, hidden_rms**2)
-        low = np.nan_to_num(values)
-        if self._sos is not None:
-            low, self._state = sosfilt(self._sos, low, axis=0, zi=self._state)
-        self._left = np.concatenate([self._left, np.where(np.isfinite(values), low**2, np.nan)])
+        band, self._state = sosfilt(self._sos, np.nan_to_num(values), axis=0, zi=self._state)
+        self._left = np.concatenate([self._left, np.where(np.isfinite(values), band**2, np.nan)])
         self._left_ns = np.concatenate([self._left_ns, times_ns])
         size = self._fine * self._fines
         for _ in range(len(self._left) // size):

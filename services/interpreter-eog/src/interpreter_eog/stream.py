@@ -14,7 +14,7 @@ from sense4hri.stream_info import StreamInfo
 from interpreter_eog.channel import BRIDGED_S, NOISE_AFTER_S, Blink, Channel, Look, Saccade
 from interpreter_eog.config import Config
 from interpreter_eog.mains import Mains
-from interpreter_eog.wander import DOUBT, wanders
+from interpreter_eog.wander import DOUBT, lids_are_sideways, wanders
 
 FS_HZ = (50.0, 8000.0)
 CHANNELS = ("heog", "veog")
@@ -23,6 +23,7 @@ BLINK_HIDES_NS = (3 * SECOND_NS // 10, SECOND_NS // 2)  # before and after great
 ONE_MOVEMENT_NS = SECOND_NS // 10  # saccades of both channels that begin within this are one
 RATE_NEEDS_S = 10.0
 MOST_BLINKS_PER_MIN = 100.0  # over a window; people blink 1 to 33 times a minute, most in talk (Doughty 2001)
+Hump = tuple[int, float]  # time and signed height of what looks like a blink
 ABSENT = Look(np.nan, np.nan, ([], []), [], "is not among the channels")
 
 
@@ -117,7 +118,8 @@ class EogStream:
             channel.restart()
             self._mains[name].restart()
         self._decided_ns = -(2**62)  # up to here every event has been told
-        self._humps: list[tuple[int, float]] = []  # time and signed height of whatever looks like a blink
+        self._humps: list[Hump] = []  # of veog ...
+        self._sideways: list[Hump] = []  # ... and heog
         self._blinks: list[Blink] = []
         self._saccades: list[Movement] = []
         self._seen: list[Seen] = []  # of the window
@@ -142,14 +144,16 @@ class EogStream:
         window_s = block.window_s(self._config.window_s)
         until_ns, start_ns = block.end_ns - round(settled_s * SECOND_NS), block.end_ns - round(window_s * SECOND_NS)
         looks = self._looks(block, window_s)
-        lids = self._lids(looks.veog, until_ns, start_ns)
+        self._humps = self._filed(self._humps, looks.veog, until_ns, start_ns)
+        self._sideways = self._filed(self._sideways, looks.heog, until_ns, start_ns)
+        lids = looks.veog.humps[0 if self._polarity() >= 0 else 1]  # to where most of the height points
         if problem := self._no_lid(window_s):
             looks, lids = looks.without_veog(problem), []
         fresh = self._fresh(looks, lids, until_ns)
         self._see(looks, until_ns, start_ns)
         self._file(fresh, until_ns, start_ns)
-        wander = not looks.veog.problem and self._wanders(block.end_ns, window_s)
-        if wander:
+        doubt = "" if looks.veog.problem else self._doubt(block.end_ns, window_s)
+        if doubt:
             looks = looks.with_veog_doubted()
         heog, veog = looks
         blinking, looking = not veog.problem, not (heog.problem and veog.problem)
@@ -172,7 +176,7 @@ class EogStream:
             vertical_uv=veog.deflection,
             signal_quality=_mean([look.quality for look in looks]),
             extra=self._extra(heog, veog, fresh.saccades),
-            reasons=tuple(self._reasons(heog, veog, not np.isnan(blinks_s + saccades_s), wander)),
+            reasons=tuple(self._reasons(heog, veog, not np.isnan(blinks_s + saccades_s), doubt)),
         )
 
     def _looks(self, block: Block, window_s: float) -> Looks:
@@ -221,28 +225,33 @@ class EogStream:
         blinks_s, saccades_s = np.where(seen_s >= RATE_NEEDS_S, seen_s, np.nan).tolist()
         return blinks_s, saccades_s
 
-    def _lids(self, veog: Look, until_ns: int, start_ns: int) -> list[Blink]:
-        """Blinks, those that are still to be told among them: the humps that point where most of the height does."""
-        fresh = [
-            (each.time_ns, sign * each.height)
-            for sign, humps in zip((1, -1), veog.humps, strict=True)
-            for each in humps
+    def _filed(self, humps: list[Hump], look: Look, until_ns: int, start_ns: int) -> list[Hump]:
+        """Those of the window, with the ones that are certain now."""
+        found = [
+            (each.time_ns, sign * each.height) for sign, side in zip((1, -1), look.humps, strict=True) for each in side
         ]
-        self._humps += [hump for hump in fresh if self._decided_ns < hump[0] <= until_ns]
-        self._humps = [hump for hump in self._humps if hump[0] > start_ns]
-        return veog.humps[0 if self._polarity() >= 0 else 1]
+        fresh = [hump for hump in found if self._decided_ns < hump[0] <= until_ns]
+        return [hump for hump in (*humps, *fresh) if hump[0] > start_ns]
 
     def _polarity(self) -> float:
         """1: a closing lid raises veog; -1: its electrodes are swapped; NaN as long as no blink was seen."""
         height = sum(height for _, height in self._humps)
         return float(np.sign(height)) if self._humps else np.nan
 
+    def _doubt(self, end_ns: int, window_s: float) -> str:
+        """Why blinks are not to be trusted; empty where they are."""
+        if lids_are_sideways(_heights(self._sideways), _heights(self._humps)):
+            return "blinks are seen in heog and hardly in veog, as where the channels are swapped"
+        if self._wanders(end_ns, window_s):
+            return "veog wanders as noise does, without rest or both ways alike"
+        return ""
+
     def _wanders(self, end_ns: int, window_s: float) -> bool:
         """Whether veog moves as noise does; without a blink that takes NOISE_AFTER_S to tell."""
         if not self._blinks and window_s < NOISE_AFTER_S:
             return False
         levels = self._channels["veog"].levels(end_ns, window_s)
-        return wanders(levels, [height for _, height in self._humps])
+        return wanders(levels, _heights(self._humps))
 
     def _told(self) -> int:
         """How many humps of the window point where blinks do."""
@@ -256,7 +265,7 @@ class EogStream:
             Feature("saccade_is_vertical", "1", tuple(float(each.vertical) for each in moved)),
         )
 
-    def _reasons(self, heog: Look, veog: Look, enough: bool, wander: bool) -> list[str]:
+    def _reasons(self, heog: Look, veog: Look, enough: bool, doubt: str) -> list[str]:
         reasons = []
         if heog.problem:
             reasons.append(f"heog {heog.problem}: horizontal_uv, horizontal saccades")
@@ -264,8 +273,8 @@ class EogStream:
             reasons.append(f"veog {veog.problem}: vertical_uv, blinks, vertical saccades")
         elif not self._blinks:
             reasons.append("blink_duration_ms: no blink in the window")
-        if wander:
-            reasons.append("veog wanders as noise does, without rest or both ways alike: blinks are doubtful")
+        if doubt:
+            reasons.append(f"{doubt}: blinks are doubtful")
         if not enough:
             reasons.append(f"blink_rate_per_min, saccade_rate_per_min need {RATE_NEEDS_S:g} s")
         if not veog.problem and self._polarity() < 0:
@@ -294,6 +303,10 @@ def _joined(first: Movement, saccade: Saccade, vertical: bool) -> Movement:
     if abs(saccade.amplitude_uv) <= abs(first.amplitude_uv):
         return first
     return Movement(first.time_ns, saccade.amplitude_uv, vertical)
+
+
+def _heights(humps: Sequence[Hump]) -> list[float]:
+    return [height for _, height in humps]
 
 
 def _mean(values: Sequence[float]) -> float:

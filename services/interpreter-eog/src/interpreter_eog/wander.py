@@ -16,6 +16,7 @@ RESTS = 5.0  # kurtosis of the changes above which something rests: noise 3, up 
 PIECE_S = 10.0  # in which noise that swells and fades is nearly as strong throughout
 WALKS = 1.6  # power of changes over twice that time over theirs: of white noise 1, of a walk 2 and more
 BOTH_WAYS, LEAST_HUMPS = 0.4, 3  # power of the humps of one side over that of the other; so many on either side
+SIDEWAYS = 2.0  # sum of the heights on heog over that on veog, where lids are on the former
 ONE_WAY = 3.0  # times what heights of signs by chance would sum up to: from 9 like blinks on
 DOUBT = 0.3  # by which the quality is multiplied: less than 0.7 is left, also of the mean with a good heog
 
@@ -33,6 +34,13 @@ def wanders(levels: Sequence[Floats], heights: Sequence[float]) -> bool:
     pieces = np.array_split(changes, max(1, round(len(changes) / (PIECE_S * GRID_HZ))))
     walks = float(np.var(_changes(levels, 2 * CHANGE_S))) > WALKS * float(np.var(changes))
     return walks and float(np.mean([_tail(piece) for piece in pieces])) <= RESTS
+
+
+def lids_are_sideways(heog: Sequence[float], veog: Sequence[float]) -> bool:
+    """Return whether the humps of heog, signed heights as those of veog, are the lids': many, one way, and greater."""
+    humps = np.asarray(heog)
+    many = len(humps) > 0 and _one_way(humps)
+    return many and abs(float(humps.sum())) >= SIDEWAYS * abs(float(np.sum(veog)))
 
 
 def _changes(levels: Sequence[Floats], over_s: float) -> Floats:

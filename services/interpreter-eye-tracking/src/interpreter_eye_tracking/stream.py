@@ -38,6 +38,7 @@ NOISY, NOISY_DEG = 0.6, 1.0  # noise that is this share of the spread of gaze, a
 WORST_DEG_PER_S, WORST_SPREADS_PER_S = 25.0, 3.0  # velocity noise that halves the quality
 WORST_DEG, WORST_SPREADS = 0.7, 0.25  # noise of single samples that does
 DRIFT_DEG_PER_S, DRIFT_SPREADS_PER_S = 1.0, 0.2  # drift at rest that does
+MOST_BLINKS_PER_MIN, FLICKERS = 100.0, 0.5  # more are a tracker that loses the eyes; by which the quality is multiplied
 
 COUNTED = (("missing_samples", "missing"), ("irregular_intervals", "irregular"), ("backward_stamps", "backward"))
 
@@ -149,6 +150,9 @@ class EyeStream:
         if problem:
             stamps = block.device_ns, block.received_ns
             return nothing(*stamps, window_s, fresh, deg, self._extra(fresh, window_s), problem)
+        flickers = self._flickers(window_s)
+        if flickers:
+            fresh = fresh._replace(blinks=[])
         durations = [fixation.duration_ms for fixation in window.fixations]
         samples, valid = window.total("samples"), window.total("valid")
         return EyeUpdate(
@@ -168,12 +172,12 @@ class EyeStream:
             gaze_y=float(self._here[1]),
             gaze_dispersion_deg=deg * spread(window.total("gaze")),
             gaze_entropy_bits=self._entropy_bits(),
-            blink_count=len(window.blinks),
-            blink_rate_per_min=self._rate(len(window.blinks), window_s),
+            blink_count=-1 if flickers else len(window.blinks),
+            blink_rate_per_min=np.nan if flickers else self._rate(len(window.blinks), window_s),
             blink_timestamps=tuple(each.begin_ns for each in fresh.blinks),
             blink_durations_ms=tuple(each.duration_ms for each in fresh.blinks),
             valid_ratio=float(valid / samples),
-            signal_quality=self._quality(float((valid - window.total("stuck").sum() / 2) / samples)),
+            signal_quality=self._quality(float((valid - window.total("stuck").sum() / 2) / samples), flickers),
             extra=self._extra(fresh, window_s),
             reasons=tuple(self._reasons(window_s)),
         )
@@ -187,7 +191,11 @@ class EyeStream:
         table = np.array(rests).reshape(-1, 3)
         return entropy_bits(table[:, :2], table[:, 2], self._cell)
 
-    def _quality(self, valid: float) -> float:
+    def _flickers(self, window_s: float) -> bool:
+        """Whether gaze is lost more often than any lid closes: what it cuts is no fixation, and hides saccades."""
+        return self._rate(len(self._window.blinks), window_s) > MOST_BLINKS_PER_MIN
+
+    def _quality(self, valid: float, flickers: bool) -> float:
         n, x, y = self._window.total("rest")
         long = n * self._period_s >= NEEDS_S  # before that it is the eye's own
         drift, around = float(np.hypot(x, y) / n) if long else 0.0, spread(self._window.total("gaze"))
@@ -198,7 +206,7 @@ class EyeStream:
         samples, missing = self._window.total("samples"), self._window.total("missing")
         arrived = float(samples / (samples + missing))
         noise = max(share(self._noise, noise_at), share(self._precision(), scatter_at))
-        return quality(valid, arrived, noise, share(drift, drift_at))
+        return quality(valid, arrived, noise, share(drift, drift_at)) * (FLICKERS if flickers else 1.0)
 
     def _precision(self) -> float:
         """Standard deviation per axis of single samples, from that of velocity, were it white; gaze units."""
@@ -257,6 +265,9 @@ class EyeStream:
             if count:
                 still = f"gaze_{axis} stayed the same to the last digit for {FROZEN_S:g} s and more"
                 reasons.append(f"{still} while gaze_{other} moved: frozen, or not measured")
+        if self._flickers(window_s):
+            often = f"gaze is lost {self._rate(len(self._window.blinks), window_s):.0f} times a minute, as by no lid"
+            reasons.append(f"{often}: blinks; fixations are cut and saccades missed")
         if self._seen_s(window_s) < NEEDS_S:
             reasons.append(f"blink_rate_per_min needs {NEEDS_S:g} s")
         if np.isnan(self._deg):

@@ -10,6 +10,10 @@ FAST_S, SLOW_S = 0.06, 0.4  # Gaussians between which a step is left: about 0.6 
 FINE_HZ = 40.0  # fewer samples per s are drawn through, so that the distance of two steps is not one of a few numbers
 PERIOD_S = (0.2, 1.3)  # of steps: from a sprint to a stroll
 FEWEST_STEPS, EVEN = 6, 0.25  # in a row, each interval within this share of the one before
+SLOW_PERIOD_S, APART = (
+    (1.3, 2.6),
+    0.3,
+)  # of steps too slow to be told from a sway; alikeness between two of them at most
 AROUND_S, ALIKE = 2.5, 0.7  # so far round a step the signal repeats itself, by its autocorrelation
 NOISE_SHARE, NOISE_HALVES = 0.25, 1.0  # of the variance that is no noise yet; m/s^2 of noise that halves the quality
 GRAVITY_HALVES = 2.0  # m/s^2 by which gravity may be wrong
@@ -66,12 +70,35 @@ def _in_rows(intervals_s: Floats) -> NDArray[np.bool_]:
 
 def _alike(band: Floats, fs_hz: float) -> float:
     """The greatest correlation of a signal with itself a step later."""
-    best = 0.0
-    for lag in range(int(PERIOD_S[0] * fs_hz), min(int(PERIOD_S[1] * fs_hz), len(band) // 2) + 1):
-        one, other = band[lag:], band[:-lag]
-        size = float(np.sqrt((one @ one) * (other @ other)))
-        best = max(best, float(one @ other) / size) if size > 0 else best
-    return best
+    lags = range(int(PERIOD_S[0] * fs_hz), min(int(PERIOD_S[1] * fs_hz), len(band) // 2) + 1)
+    return max((_alike_after(band, lag) for lag in lags), default=0.0)
+
+
+def _alike_after(band: Floats, lag: int) -> float:
+    """The correlation of a signal with itself so many samples later, 0 at least."""
+    one, other = band[lag:], band[:-lag]
+    size = float(np.sqrt((one @ one) * (other @ other)))
+    return max(0.0, float(one @ other) / size) if size > 0 else 0.0
+
+
+def sways(magnitude: Floats, fs_hz: float, least: float) -> bool:
+    """Return whether the magnitude of acceleration, shape (n,), m/s^2, repeats itself more slowly than steps are told.
+
+    least: rise of a step. Slow steps do so, and a rocking chair: neither the one nor the other is certain.
+    """
+    level = _smoothed(magnitude, FAST_S, fs_hz)
+    level = level - level.mean()
+    if len(level) < 2 * SLOW_PERIOD_S[1] * fs_hz or 2 * np.sqrt(2) * level.std() < least:
+        return False
+    lags = np.arange(max(1, int(PERIOD_S[0] * fs_hz)), int(SLOW_PERIOD_S[1] * fs_hz) + 1)
+    alike = np.array([_alike_after(level, lag) for lag in lags.tolist()])
+    apart = np.flatnonzero(alike <= APART)
+    again = np.flatnonzero(alike >= ALIKE)
+    again = again[again > apart[0]] if len(apart) else again[:0]
+    if not len(again):
+        return False
+    first = again[: int(np.argmax(np.diff(again, append=len(lags) + 2) > 1)) + 1]  # the first stretch of lags
+    return bool(lags[first[alike[first].argmax()]] >= SLOW_PERIOD_S[0] * fs_hz)
 
 
 def tilt_deg(one: Floats, other: Floats) -> float:

@@ -116,6 +116,8 @@ class MotionStream:
         self._steps_ns = self._steps_ns[self._steps_ns > start_ns]
         enough = window_s >= NEEDS_S
         step_rate = self._rate(seen) if enough else np.nan
+        sways = step_rate == 0 and self._sways(known)
+        step_rate = np.nan if sways else step_rate
         gravity = self._gravity()
         tilted_deg = features.tilt_deg(gravity, self._upright) if self._on_trunk and enough else np.nan
         moved = Moved(known, self._fs_hz)
@@ -128,7 +130,7 @@ class MotionStream:
             posture=features.posture(tilted_deg),
             signal_quality=self._quality(known, filled, moved.rms_m_s2),
             extra=self._extra(float(self._total), tilted_deg),
-            reasons=tuple(self._reasons(enough, bool(np.isnan(step_rate)))),
+            reasons=tuple(self._reasons(enough, bool(np.isnan(step_rate)), sways)),
         )
 
     def _scale(self, known: Floats) -> float:
@@ -180,6 +182,12 @@ class MotionStream:
             return 0.0 if seen else np.nan
         return float(60 / walked.mean())
 
+    def _sways(self, known: Floats) -> bool:
+        """Whether the window shows a rhythm that is too slow to tell whether it is one of steps."""
+        n = len(known) // self._coarse * self._coarse
+        coarse = (known[len(known) - n :] * self._scale(known)).reshape(-1, self._coarse, 3).mean(axis=1)
+        return features.sways(np.linalg.norm(coarse, axis=1), self._fs_hz / self._coarse, self._config.least_step)
+
     def _holes_ns(self) -> NDArray[np.int64]:
         """The last samples before holes that may hide a step."""
         known_ns = self._times_ns[np.isfinite(self._samples).all(axis=1)]
@@ -229,10 +237,12 @@ class MotionStream:
     def _extra(self, total: float, tilted_deg: float) -> tuple[Feature, ...]:
         return Feature("steps_total", "1", (total,)), Feature("tilt", "deg", (tilted_deg,))
 
-    def _reasons(self, enough: bool, uncounted: bool) -> list[str]:
+    def _reasons(self, enough: bool, uncounted: bool, sways: bool) -> list[str]:
         reasons = []
         if not enough:
             reasons.append(f"step_rate_per_min, posture need {NEEDS_S:g} s")
+        elif sways:
+            reasons.append("step_rate_per_min: a rhythm slower than 46 a minute, of slow steps or a sway")
         elif uncounted:
             reasons.append(f"step_rate_per_min needs {NEEDS_S:g} s without a hole; steps_total lacks steps of now")
         if not self._on_trunk:
