@@ -18,10 +18,8 @@ SLOW_HZ, FAST_HZ = (2.0, 12.0), (20.0, 45.0)  # EEG has far more below than abov
 PEAK_HZ, AROUND_HZ, WIDE_HZ = (7.0, 13.0), (2.0, 30.0), (6.0, 14.0)  # alpha peak, what its background is, but for
 STANDS_OUT = 2.0  # times the background that the alpha peak is high
 WHITE, HUM, SLOW = 0.25, 10.0, 10.0  # where the terms of quality are a half
-LINE_HZ, LINE_BESIDE = (
-    ((1.5, 6.0), (14.0, 45.0)),
-    3,
-)  # where a line is looked for, and bins to those beside: Hann's lobe
+LINE_HZ = ((1.5, 6.0), (14.0, 45.0))  # where a line is looked for
+LINE_BESIDE = 3  # bins to what is beside it: Hann's lobe
 LINE, LINE_LEAVES = 60.0, 0.5  # times what is beside it that a line halves the quality; no line lowers it further
 
 Floats = NDArray[np.float64]

@@ -9,10 +9,8 @@ from interpreter_eeg.features import LINE, LINE_LEAVES, Spectrum, lines, quality
 from interpreter_eeg.segments import Measured
 
 FEWEST = 3  # segments without an artefact that a channel's spectrum is made of
-FEWEST_FOR_LINE, LINE_TOLD = (
-    8,
-    36.0,
-)  # of them: in fewer, chance makes lines; times what is beside it from which it is told
+FEWEST_FOR_LINE = 8  # of them: in fewer, chance makes lines
+LINE_TOLD = 36.0  # times what is beside it
 LARGE = "too large for EEG: is the unit right?"
 MARKS = {"flat": "flat", "saturated": "saturated", LARGE: "large", "electrode pops": "popped", "blinks": "blinked"}
 TOLD = (LARGE, "blinks", "electrode pops", "muscle")  # what is told of channels that are not bad

@@ -10,10 +10,8 @@ FAST_S, SLOW_S = 0.06, 0.4  # Gaussians between which a step is left: about 0.6 
 FINE_HZ = 40.0  # fewer samples per s are drawn through, so that the distance of two steps is not one of a few numbers
 PERIOD_S = (0.2, 1.3)  # of steps: from a sprint to a stroll
 FEWEST_STEPS, EVEN = 6, 0.25  # in a row, each interval within this share of the one before
-SLOW_PERIOD_S, APART = (
-    (1.3, 2.6),
-    0.3,
-)  # of steps too slow to be told from a sway; alikeness between two of them at most
+SLOW_PERIOD_S = (1.3, 2.6)  # of steps too slow to be told from a sway
+APART = 0.3  # alikeness between two of them at most
 AROUND_S, ALIKE = 2.5, 0.7  # so far round a step the signal repeats itself, by its autocorrelation
 NOISE_SHARE, NOISE_HALVES = 0.25, 1.0  # of the variance that is no noise yet; m/s^2 of noise that halves the quality
 GRAVITY_HALVES = 2.0  # m/s^2 by which gravity may be wrong
