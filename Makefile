@@ -28,7 +28,7 @@ OF_HOST := $(if $(HOST),-f "$$part")
 PART := $(if $(HOST),part="$$(.venv/bin/python compose/host_override.py --study $(call quoted,$(STUDY)) --host $(call quoted,$(HOST)) $(if $(TLS),--tls))" &&)
 TOKENS = $(PYTHON) compose/study_tokens.py $(call quoted,$(STUDY))
 
-.PHONY: help env demo test lint generate new-driver new-interpreter new-service bench soak images up down logs ps lock k8s check study licences sbom clean
+.PHONY: help env demo test lint generate new-driver new-interpreter new-service bench soak images compose-v2 up down logs ps lock k8s check study licences sbom clean
 
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /make \1\t/' | expand -t 22
@@ -79,7 +79,11 @@ soak: env ## a long run of the demo graph
 images: ## the base image and one image per service
 	@compose/images.sh
 
-up: $(if $(HOST),env) images ## start a study in containers: STUDY=demo, polar or a file; TLS=name: over HTTPS; HOST=lab-a: its part; with .venv there (make env; HOST= makes it) it is checked first
+compose-v2:
+	@said="$$(compose/docker.sh compose version 2>&1)" || { echo "$$said" >&2; \
+		echo "make up needs Docker Compose v2. Ubuntu: apt-get install docker-compose-v2; Debian 13: docker-compose; Debian 12 has none: Docker's own package docker-compose-plugin" >&2; exit 1; }
+
+up: $(if $(HOST),env) compose-v2 images ## start a study in containers: STUDY=demo, polar or a file; TLS=name: over HTTPS; HOST=lab-a: its part; with .venv there (make env; HOST= makes it) it is checked first
 	@if [ -x $(RUN) ]; then $(RUN) compose/check_study.py --as containers --study $(call quoted,$(STUDY)) --host $(call quoted,$(HOST)); else echo "not checked: make env"; fi
 	@tokens="$$($(TOKENS) --compose --host $(call quoted,$(HOST)))" && $(PART) $(COMPOSE) $(HTTPS) -f "$$tokens" $(OF_HOST) up --detach
 	@$(COMPOSE) $(HTTPS) ps

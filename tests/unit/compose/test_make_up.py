@@ -42,3 +42,15 @@ def test_what_prometheus_asks_for_is_told_where_it_runs(tmp_path: Path, running:
     printed = up(tmp_path, running)
     assert printed.count("http://127.0.0.1:9091, user study; its password is printed by: ") == told
     assert (tmp_path / "tokens" / "demo" / "view").read_text().strip() not in printed
+
+
+def test_an_engine_without_compose_is_told_before_images_are_built(tmp_path: Path) -> None:
+    """As Debian 12 has it: the images take minutes, and would be of no use."""
+    (tmp_path / "docker").write_text("#!/bin/sh\n[ $1 != compose ] || { echo 'compose is no command' >&2; exit 1; }\n")
+    (tmp_path / "docker").chmod(0o755)
+    environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    command = ["make", "-s", "up", "RUN=none"]
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "compose is no command\nmake up needs Docker Compose v2. Ubuntu: apt-get install" in done.stderr
+    assert "images:" not in done.stdout
