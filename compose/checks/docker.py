@@ -104,17 +104,21 @@ def _unreadable(path: Path) -> Iterator[Path]:
 
 
 def _images(study: Study, places: Places) -> Iterator[Finding]:
+    """Yield a line for all of the house that are not built, for one command builds them, and one for each other image."""
     built = set(_docker("images", "--format", "{{.Repository}}:{{.Tag}}").split())
-    for service in study.services:
-        image = service.image if ":" in service.image.rpartition("/")[2] else f"{service.image}:latest"
-        if not service.image or image in built:
-            continue
-        keys = f"services.{service.name}"
-        if service.image.startswith(OURS):
-            name = service.image.removeprefix(OURS)
-            yield places.error(keys, f"image {service.image} is not built: compose/images.sh {name}, or make images")
-        else:
-            yield places.warning(keys, f"image {service.image} is not on this machine; Docker will fetch it")
+    missing = [service for service in study.services if service.image and _tagged(service.image) not in built]
+    ours = dict.fromkeys(service.image for service in missing if service.image.startswith(OURS))
+    if ours:
+        text = f"not built yet: {', '.join(ours)}; make up builds them, and so does make images; make demo needs none"
+        yield places.error("services", text)
+    for service in missing:
+        if service.image not in ours:
+            text = f"image {service.image} is not on this machine; Docker will fetch it"
+            yield places.warning(f"services.{service.name}", text)
+
+
+def _tagged(image: str) -> str:
+    return image if ":" in image.rpartition("/")[2] else f"{image}:latest"
 
 
 def _ports(study: Study, places: Places) -> Iterator[Finding]:
