@@ -434,7 +434,11 @@ def test_a_file_in_another_encoding_is_told_with_the_cause_and_the_line(tmp_path
     ("content", "line", "said"),
     [
         ("services: # Größe\n".encode("latin-1"), 1, "is not in UTF-8, line 1: save it as UTF-8"),
-        (b"services:\n  own: [\n", 3, "is no YAML: while parsing a flow node"),
+        (
+            b"services:\n  own: [\n",
+            3,
+            "is no YAML: while parsing a flow node expected the node content, but found '<stream end>' in line 3, column 1: ^",
+        ),
     ],
 )
 def test_a_file_that_is_extended_and_cannot_be_read_is_told_with_its_own_line(tmp_path, content, line, said):
