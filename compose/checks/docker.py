@@ -104,7 +104,7 @@ def _unreadable(path: Path) -> Iterator[Path]:
 
 
 def _images(study: Study, places: Places) -> Iterator[Finding]:
-    """Yield a line for all of the house that are not built, for one command builds them, and one for each other image."""
+    """Yield one line for all of the house's that are not built, as one command builds them, and one for each other."""
     built = set(_docker("images", "--format", "{{.Repository}}:{{.Tag}}").split())
     missing = [service for service in study.services if service.image and _tagged(service.image) not in built]
     ours = dict.fromkeys(service.image for service in missing if service.image.startswith(OURS))

@@ -437,7 +437,7 @@ def test_a_file_in_another_encoding_is_told_with_the_cause_and_the_line(tmp_path
         (
             b"services:\n  own: [\n",
             3,
-            "is no YAML: while parsing a flow node expected the node content, but found '<stream end>' in line 3, column 1: ^",
+            "is no YAML: while parsing a flow node expected the node content, but found '<stream end>' in line 3,",
         ),
     ],
 )
