@@ -194,7 +194,7 @@ def wrong_with(address: str) -> str:
     if address.startswith("socket:"):
         return ""
     if not Path(address).exists():
-        return f"no such port; {_there()}"
+        return f"no such port; {_there(address)}"
     return "" if os.access(address, os.R_OK | os.W_OK) else _FORBIDDEN
 
 
