@@ -22,7 +22,8 @@ HTTPS := $(if $(TLS),-f compose/tls.yaml)
 TLS_NAME := $(patsubst [%],%,$(TLS))
 IN_URL := $(if $(findstring :,$(TLS_NAME)),[$(TLS_NAME)],$(TLS_NAME))
 PAGE := $(if $(TLS),https://$(IN_URL):$${TLS_PORT:-8443},http://127.0.0.1:$${GUI_PORT:-8080})
-export TLS_NAME
+TLS_ADDRESS ?=
+export TLS_NAME TLS_ADDRESS
 # of a study on several machines, the part of HOST
 OF_HOST := $(if $(HOST),-f "$$part")
 PART := $(if $(HOST),part="$$(.venv/bin/python compose/host_override.py --study $(call quoted,$(STUDY)) --host $(call quoted,$(HOST)) $(if $(TLS),--tls))" &&)
@@ -94,9 +95,12 @@ up: $(if $(HOST),env) compose-v2 images ## start a study in containers: STUDY=de
 	@if $(COMPOSE) $(HTTPS) ps --services | grep -qx prometheus; then \
 		echo "metrics and alerts: http://127.0.0.1:$${PROMETHEUS_PORT:-9090}, user study; its password is printed by: $(TOKENS) view"; \
 	fi
+	@echo "to stop it: make down STUDY="$(call quoted,$(STUDY))
 
 down: ## stop it
 	$(COMPOSE) $(HTTPS) down --remove-orphans
+	@left="$$(compose/docker.sh compose ls --quiet | grep '^sense4hri-' | paste -sd ' ')"; \
+		[ -z "$$left" ] || echo "still running: $$left; of each: make down STUDY=its file"
 
 logs: ## follow its logs
 	$(COMPOSE) $(HTTPS) logs --follow
