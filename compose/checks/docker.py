@@ -18,6 +18,8 @@ from checks.machine import files, taken
 SCRIPT = Path(__file__).resolve().parents[1] / "docker.sh"
 ANSWER_S = 20.0
 OURS = "sense4hri/"
+USER = 10001
+"""Under which the images' programs run."""
 MOST_PORT = 65535
 MOST_LOOKED_AT = 10_000
 PORT = re.compile(
@@ -60,6 +62,7 @@ def findings(study: Study, places: Places) -> Iterator[Finding]:
         yield from files(service, places)
     for service in (*study.services, *study.on_request):
         yield from _closed(service, places)
+    yield from _kept(study, places)
     yield from _ports(study, places)
 
 
@@ -101,6 +104,24 @@ def _unreadable(path: Path) -> Iterator[Path]:
         needed = 0o5 if stat.S_ISDIR(mode) else 0o4 if stat.S_ISREG(mode) else 0
         if needed & ~mode:
             yield each
+
+
+def _kept(study: Study, places: Places) -> Iterator[Finding]:
+    """Yield the folder of this machine, `RECORDINGS`, in which the recorder's user may not write."""
+    for recorder in (service for service in study.services if service.package == "recorder"):
+        for source in (recorder.mounts[target] for target in sorted(recorder.mounts.keys() - recorder.read_only)):
+            if source.startswith("/") and not _writable(Path(source)):
+                text = f"user {USER} must be able to write in {source}: install -d -o {USER} -g {USER} {source}"
+                yield places.error(f"services.{recorder.name}", text)
+
+
+def _writable(folder: Path) -> bool:
+    """Return whether the user of the images may make files in a folder."""
+    if not folder.is_dir():
+        return False
+    status = folder.stat()
+    needed = 0o300 if status.st_uid == USER else 0o030 if status.st_gid == USER else 0o003
+    return status.st_mode & needed == needed
 
 
 def _images(study: Study, places: Places) -> Iterator[Finding]:

@@ -553,6 +553,25 @@ def test_images_and_ports_of_containers(tmp_path, monkeypatch):
         assert not any("taken" in each.text for each in found(tmp_path, text, "containers", SESSION_PORT="0"))
 
 
+def test_a_folder_for_recordings_in_which_the_recorder_may_not_write_is_told(tmp_path, monkeypatch):
+    """Else the study comes up, and its recorder alone is restarted without end."""
+    engine = {"images": "", "version": "28", "info": str(tmp_path), "ps": ""}
+    monkeypatch.setattr(docker, "_docker", lambda command, *words: engine[command])
+    folder = tmp_path / "kept"
+
+    def told() -> list[str]:
+        here = found(tmp_path, RIGHT, "containers", RECORDINGS=str(folder))
+        return [each.text for each in here if "install -d -o 10001" in each.text]
+
+    assert told() == [
+        f"services.recorder: user 10001 must be able to write in {folder}: install -d -o 10001 -g 10001 {folder}"
+    ]
+    folder.mkdir(mode=0o755)
+    assert len(told()) == 1
+    folder.chmod(0o777)
+    assert told() == []
+
+
 def test_what_the_user_in_a_container_may_not_read_is_told(tmp_path, monkeypatch):
     """As after a checkout under umask 077: of a service that always runs, and of one that runs when it is asked for."""
     engine = {"images": "", "version": "28", "info": str(tmp_path), "ps": ""}
