@@ -100,7 +100,7 @@ up: $(if $(HOST),env) compose-v2 images ## start a study in containers: STUDY=de
 down: ## stop it
 	$(COMPOSE) $(HTTPS) down --remove-orphans
 	@left="$$(compose/docker.sh compose ls --quiet | grep '^sense4hri-' | paste -sd ' ')"; \
-		[ -z "$$left" ] || echo "still running: $$left; of each: make down STUDY=its file"
+		[ -z "$$left" ] || echo "still running: $$left; make down STUDY=NAME stops a study"
 
 logs: ## follow its logs
 	$(COMPOSE) $(HTTPS) logs --follow

@@ -62,7 +62,7 @@ def test_what_still_runs_is_told(tmp_path: Path) -> None:
     (tmp_path / "docker").chmod(0o755)
     environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
     done = subprocess.run(["make", "-s", "down"], cwd=ROOT, env=environment, capture_output=True, text=True, check=True)
-    assert "still running: sense4hri-small; of each: make down STUDY=its file" in done.stdout
+    assert "still running: sense4hri-small; make down STUDY=NAME stops a study" in done.stdout
 
 
 def test_an_engine_without_compose_is_told_before_images_are_built(tmp_path: Path) -> None:
