@@ -26,8 +26,6 @@ YES_NO = {"yes": True, "y": True, "no": False, "n": False}
 NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 
 
-
-
 class Refused(Exception):
     """What was asked for and cannot be, in a sentence."""
 
