@@ -22,13 +22,14 @@ HTTPS := $(if $(TLS),-f compose/tls.yaml)
 TLS_NAME := $(patsubst [%],%,$(TLS))
 IN_URL := $(if $(findstring :,$(TLS_NAME)),[$(TLS_NAME)],$(TLS_NAME))
 PAGE := $(if $(TLS),https://$(IN_URL):$${TLS_PORT:-8443},http://127.0.0.1:$${GUI_PORT:-8080})
-export TLS_NAME
+TLS_ADDRESS ?=
+export TLS_NAME TLS_ADDRESS
 # of a study on several machines, the part of HOST
 OF_HOST := $(if $(HOST),-f "$$part")
 PART := $(if $(HOST),part="$$(.venv/bin/python compose/host_override.py --study $(call quoted,$(STUDY)) --host $(call quoted,$(HOST)) $(if $(TLS),--tls))" &&)
 TOKENS = $(PYTHON) compose/study_tokens.py $(call quoted,$(STUDY))
 
-.PHONY: help env demo test lint generate pictures new-driver new-interpreter new-service bench soak images up down logs ps lock k8s check study licences sbom clean
+.PHONY: help env demo test lint generate pictures new-driver new-interpreter new-service bench soak images compose-v2 up down logs ps lock k8s check study licences sbom clean
 
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /make \1\t/' | expand -t 22
@@ -82,7 +83,11 @@ soak: env ## a long run of the demo graph
 images: ## the base image and one image per service
 	@compose/images.sh
 
-up: $(if $(HOST),env) images ## start a study in containers: STUDY=demo, polar or a file; TLS=name: over HTTPS; HOST=lab-a: its part; with .venv there (make env; HOST= makes it) it is checked first
+compose-v2:
+	@said="$$(compose/docker.sh compose version 2>&1)" || { echo "$$said" >&2; \
+		echo "make up needs Docker Compose v2. Ubuntu: apt-get install docker-compose-v2; Debian 13: docker-compose; Debian 12 has none: Docker's own package docker-compose-plugin" >&2; exit 1; }
+
+up: $(if $(HOST),env) compose-v2 images ## start a study in containers: STUDY=demo, polar or a file; TLS=name: over HTTPS; HOST=lab-a: its part; with .venv there (make env; HOST= makes it) it is checked first
 	@if [ -x $(RUN) ]; then $(RUN) compose/check_study.py --as containers --study $(call quoted,$(STUDY)) --host $(call quoted,$(HOST)); else echo "not checked: make env"; fi
 	@tokens="$$($(TOKENS) --compose --host $(call quoted,$(HOST)))" && $(PART) $(COMPOSE) $(HTTPS) -f "$$tokens" $(OF_HOST) up --detach
 	@$(COMPOSE) $(HTTPS) ps
@@ -93,9 +98,12 @@ up: $(if $(HOST),env) images ## start a study in containers: STUDY=demo, polar o
 	@if $(COMPOSE) $(HTTPS) ps --services | grep -qx prometheus; then \
 		echo "metrics and alerts: http://127.0.0.1:$${PROMETHEUS_PORT:-9090}, user study; its password is printed by: $(TOKENS) view"; \
 	fi
+	@echo "to stop it: make down STUDY="$(call quoted,$(STUDY))
 
 down: ## stop it
 	$(COMPOSE) $(HTTPS) down --remove-orphans
+	@left="$$(compose/docker.sh compose ls --quiet | grep '^sense4hri-' | paste -sd ' ')"; \
+		[ -z "$$left" ] || echo "still running: $$left; make down STUDY=NAME stops a study"
 
 logs: ## follow its logs
 	$(COMPOSE) $(HTTPS) logs --follow

@@ -10,7 +10,7 @@ from typing import Any
 
 import ros_yaml
 import yaml
-from compose_yaml import StudyError, text_of
+from compose_yaml import StudyError, said, text_of
 
 SERVICES = Path(__file__).parents[1] / "services"
 NAMED_LATER = ("driver_", "clock_sync")
@@ -72,7 +72,7 @@ def _value(where: str, text: str) -> Any:
     except yaml.constructor.ConstructorError as error:
         raise StudyError(f"{where}: {error.problem}") from error
     except yaml.YAMLError as error:
-        raise StudyError(f"{where} is no YAML: {' '.join(str(error).split())}") from error
+        raise StudyError(f"{where} is no YAML: {said(error)}") from error
 
 
 def mapping(mounts: Mapping[str, str], volumes: Path) -> Callable[[str], str]:

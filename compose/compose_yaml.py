@@ -108,7 +108,7 @@ def _content(file: Path, text: str, environment: tuple[tuple[str, str], ...]) ->
         line = text.count("\n", 0, error.position) + 1
         raise StudyError(f"{file} has a character that no text has, {error.character:#04x}, in line {line}") from error
     except yaml.YAMLError as error:
-        raise StudyError(f"{file} is no YAML: {' '.join(str(error).split())}") from error
+        raise StudyError(f"{file} is no YAML: {said(error)}") from error
     except RecursionError as error:
         raise StudyError(f"{file}: an anchor holds itself") from error
     services = content.get("services") if isinstance(content, dict) else None
@@ -124,6 +124,11 @@ def _content(file: Path, text: str, environment: tuple[tuple[str, str], ...]) ->
         raise StudyError(f"{file}: include: is not read outside of containers; name each service, with `extends`")
     variables = dict(environment)
     return {key: _filled(f"{file}: {key}", entry, variables) for key, entry in content.items()}
+
+
+def said(error: yaml.YAMLError) -> str:
+    """Return what YAML says of a text in one line, without its own word for where the text is from."""
+    return " ".join(str(error).replace('"<unicode string>", ', "").split())
 
 
 def text_of(where: str, file: Path) -> str:

@@ -9,8 +9,9 @@ mkdir -p build
 scratch=$(mktemp -d build/images.XXXXXX)
 trap 'rm -rf "$scratch"' EXIT
 
-step() { # name, command: one line with the duration, beside what the command says on 3
+step() { # name, command: a line at its start, one with the duration at its end, beside what the command says on 3
     local started=$SECONDS
+    echo "images: $1 ..."
     if ! "${@:2}" 3>&1 > "$scratch/log" 2>&1; then
         tail -n 60 "$scratch/log" >&2
         echo "images: $1 failed, see above" >&2
@@ -52,7 +53,11 @@ build() { # tag, Dockerfile, options; a build that stalls (seen with Docker 20.1
     return 1
 }
 
-$docker version >/dev/null 2>&1 || { echo "No Docker Engine answers. On Debian: apt-get install docker.io, then start dockerd" >&2; exit 1; }
+if ! said=$($docker version 2>&1 >/dev/null); then
+    echo "No Docker Engine answers: ${said:-no reason given}" >&2
+    echo "Where there is none, on Debian or Ubuntu: apt-get install docker.io; where permission is denied: as root, or as a user in the group docker" >&2
+    exit 1
+fi
 if ! $docker image inspect "$debian" >/dev/null 2>&1 && ! timeout 60 $docker pull --quiet "$debian" >/dev/null 2>&1; then
     step "$debian from Debian's packages" debian_from_packages
 fi

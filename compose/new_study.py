@@ -17,7 +17,7 @@ from typing import NamedTuple
 import check_study
 import study_text
 from sense4hri.names import meaning
-from sensor_kinds import KINDS, Link, fits
+from sensor_kinds import KINDS, Kind, Link, fits
 from study_file import HUMAN_ID, STUDIES, WRONG
 from study_text import Wish
 
@@ -28,6 +28,15 @@ NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 
 class Refused(Exception):
     """What was asked for and cannot be, in a sentence."""
+
+
+def _what(kind: Kind) -> str:
+    """Return what a kind of sensor is, and how docs/devices.md calls it."""
+    device = kind.row.device
+    return device if kind.about in device else f"{kind.about} ({device})"
+
+
+OFFERED = "".join(f"  {name:12} {_what(kind)}\n" for name, kind in KINDS.items())
 
 
 class Question(NamedTuple):
@@ -41,7 +50,9 @@ class Question(NamedTuple):
 QUESTIONS = (
     Question("participants", "How many participants, or which (p1,p2)?", "1"),
     Question(
-        "sensors", f"Which sensors does each of them wear ({', '.join(KINDS)}; several with a comma)?", "h10,verity"
+        "sensors",
+        f"{OFFERED}Which sensors does each of them wear (several with a comma)?",
+        "h10,verity",
     ),
     Question("virtual", "Virtual sensors, for a dry run (yes, no)?", "no"),
     Question("record_only", "Only record, without features and states (yes, no)?", "no"),
@@ -95,6 +106,8 @@ def wish_of(words: list[str]) -> Wish:
 
 def _wish(options: argparse.Namespace) -> Wish:
     """Return what is to be written. Raises Refused."""
+    if not options.name:
+        raise Refused("NAME is missing: make study NAME=pilot")
     if not NAME.fullmatch(options.name):
         raise Refused(
             f"NAME {options.name!r} must be small letters, digits, _ and -, a letter or digit first, 64 at most"
@@ -171,7 +184,7 @@ def _answer(question: Question) -> str:
     try:
         return input(f"{question.text} [{question.default}] ").strip() or question.default
     except (EOFError, KeyboardInterrupt) as error:
-        raise Refused(f"no answer to: {question.text}") from error
+        raise Refused(f"\nnothing is written: no answer to: {question.text.splitlines()[-1]}") from error
 
 
 def _take(options: argparse.Namespace, flag: str, answer: str) -> str:

@@ -5,9 +5,15 @@ set -euo pipefail
 overlay=${1:?k8s/up.sh OVERLAY, such as k8s/demo/single-node}
 study=$(basename "$(dirname "$overlay")")
 made_by="$(dirname "$0")/../compose/study_tokens.py"
+[ -f "$overlay/kustomization.yaml" ] || { echo "$overlay is no overlay: make k8s STUDY=$study writes it" >&2; exit 1; }
+manifests=$(kubectl kustomize "$overlay")
+if ! said=$(kubectl version 2>&1 >/dev/null); then
+    echo "kubectl reaches no cluster: $said" >&2
+    echo "kubectl config get-contexts lists those it knows" >&2
+    exit 1
+fi
 operate=$(python3 "$made_by" "$study")
 view=$(python3 "$made_by" "$study" view)
-manifests=$(kubectl kustomize "$overlay")
 namespaces=$(sed -n 's/^  namespace: //p' <<< "$manifests" | sort -u)
 
 for namespace in $namespaces; do

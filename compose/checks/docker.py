@@ -18,6 +18,8 @@ from checks.machine import files, taken
 SCRIPT = Path(__file__).resolve().parents[1] / "docker.sh"
 ANSWER_S = 20.0
 OURS = "sense4hri/"
+USER = 10001
+"""Under which the images' programs run."""
 MOST_PORT = 65535
 MOST_LOOKED_AT = 10_000
 PORT = re.compile(
@@ -60,6 +62,7 @@ def findings(study: Study, places: Places) -> Iterator[Finding]:
         yield from files(service, places)
     for service in (*study.services, *study.on_request):
         yield from _closed(service, places)
+    yield from _kept(study, places)
     yield from _ports(study, places)
 
 
@@ -103,18 +106,40 @@ def _unreadable(path: Path) -> Iterator[Path]:
             yield each
 
 
+def _kept(study: Study, places: Places) -> Iterator[Finding]:
+    """Yield the folder of this machine, `RECORDINGS`, in which the recorder's user may not write."""
+    for recorder in (service for service in study.services if service.package == "recorder"):
+        for source in (recorder.mounts[target] for target in sorted(recorder.mounts.keys() - recorder.read_only)):
+            if source.startswith("/") and not _writable(Path(source)):
+                text = f"user {USER} must be able to write in {source}: install -d -o {USER} -g {USER} {source}"
+                yield places.error(f"services.{recorder.name}", text)
+
+
+def _writable(folder: Path) -> bool:
+    """Return whether the user of the images may make files in a folder."""
+    if not folder.is_dir():
+        return False
+    status = folder.stat()
+    needed = 0o300 if status.st_uid == USER else 0o030 if status.st_gid == USER else 0o003
+    return status.st_mode & needed == needed
+
+
 def _images(study: Study, places: Places) -> Iterator[Finding]:
+    """Yield one line for all of the house's that are not built, as one command builds them, and one for each other."""
     built = set(_docker("images", "--format", "{{.Repository}}:{{.Tag}}").split())
-    for service in study.services:
-        image = service.image if ":" in service.image.rpartition("/")[2] else f"{service.image}:latest"
-        if not service.image or image in built:
-            continue
-        keys = f"services.{service.name}"
-        if service.image.startswith(OURS):
-            name = service.image.removeprefix(OURS)
-            yield places.error(keys, f"image {service.image} is not built: compose/images.sh {name}, or make images")
-        else:
-            yield places.warning(keys, f"image {service.image} is not on this machine; Docker will fetch it")
+    missing = [service for service in study.services if service.image and _tagged(service.image) not in built]
+    ours = dict.fromkeys(service.image for service in missing if service.image.startswith(OURS))
+    if ours:
+        text = f"not built yet: {', '.join(ours)}; make up builds them, and so does make images; make demo needs none"
+        yield places.error("services", text)
+    for service in missing:
+        if service.image not in ours:
+            text = f"image {service.image} is not on this machine; Docker will fetch it"
+            yield places.warning(f"services.{service.name}", text)
+
+
+def _tagged(image: str) -> str:
+    return image if ":" in image.rpartition("/")[2] else f"{image}:latest"
 
 
 def _ports(study: Study, places: Places) -> Iterator[Finding]:

@@ -3,6 +3,7 @@
 import copy
 import functools
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,9 @@ from policy import faults
 from study_file import StudyError
 
 STUDIES = [folder.parent.name for folder in sorted((ROOT / "k8s").glob("*/base"))]
-READY = sorted(file.stem for file in (ROOT / "compose" / "studies").glob("*.yaml"))
+ROW = re.compile(r"^\| \[`([\w-]+)`\]", re.MULTILINE)
+READY = sorted(ROW.findall((ROOT / "compose" / "studies" / "README.md").read_text()))
+"""The table's, for beside them lie those that somebody wrote for themselves, with devices that reach no pod."""
 OF_THIS_MACHINE = {"file": "recording-1", "nine-modalities": "amplifier-1", "serial": "board-1"}
 """Ready studies that no cluster can run, and whose files are in a folder of the machine."""
 ON_THE_NETWORK = {"lsl": "eeg-1", "pupil-labs": "core-1"}

@@ -434,7 +434,11 @@ def test_a_file_in_another_encoding_is_told_with_the_cause_and_the_line(tmp_path
     ("content", "line", "said"),
     [
         ("services: # Größe\n".encode("latin-1"), 1, "is not in UTF-8, line 1: save it as UTF-8"),
-        (b"services:\n  own: [\n", 3, "is no YAML: while parsing a flow node"),
+        (
+            b"services:\n  own: [\n",
+            3,
+            "is no YAML: while parsing a flow node expected the node content, but found '<stream end>' in line 3,",
+        ),
     ],
 )
 def test_a_file_that_is_extended_and_cannot_be_read_is_told_with_its_own_line(tmp_path, content, line, said):
@@ -542,10 +546,30 @@ def test_images_and_ports_of_containers(tmp_path, monkeypatch):
         monkeypatch.setenv("SESSION_PORT", "0")
         texts = [each.text for each in found(tmp_path, text, "containers", SESSION_PORT="0")]
         assert f"services.h10-1.ports: port {port} is taken on this machine" in texts
-        assert "services.h10-1: image sense4hri/driver-polar is not built" in "\n".join(texts)
+        (told,) = [text for text in texts if "not built" in text]
+        assert told.startswith("services: not built yet: sense4hri/driver-polar, ")
         assert not any("recorder" in text for text in texts)
         engine["ps"] = f"127.0.0.1:{port}->80/tcp"
         assert not any("taken" in each.text for each in found(tmp_path, text, "containers", SESSION_PORT="0"))
+
+
+def test_a_folder_for_recordings_in_which_the_recorder_may_not_write_is_told(tmp_path, monkeypatch):
+    """Else the study comes up, and its recorder alone is restarted without end."""
+    engine = {"images": "", "version": "28", "info": str(tmp_path), "ps": ""}
+    monkeypatch.setattr(docker, "_docker", lambda command, *words: engine[command])
+    folder = tmp_path / "kept"
+
+    def told() -> list[str]:
+        here = found(tmp_path, RIGHT, "containers", RECORDINGS=str(folder))
+        return [each.text for each in here if "install -d -o 10001" in each.text]
+
+    assert told() == [
+        f"services.recorder: user 10001 must be able to write in {folder}: install -d -o 10001 -g 10001 {folder}"
+    ]
+    folder.mkdir(mode=0o755)
+    assert len(told()) == 1
+    folder.chmod(0o777)
+    assert told() == []
 
 
 def test_what_the_user_in_a_container_may_not_read_is_told(tmp_path, monkeypatch):

@@ -45,6 +45,21 @@ def test_a_base_image_that_cannot_be_made_is_told_where_it_failed(tmp_path: Path
     assert "images: debian:bookworm-slim from Debian's packages failed, see above" in done.stderr
 
 
+def test_an_engine_that_refuses_is_told_in_its_own_words(tmp_path: Path) -> None:
+    """A user who is not in the group docker has an Engine, and needs none installed."""
+    refusing = "#!/bin/sh\ncase $1 in version) echo 'permission denied while trying to connect' >&2; exit 1 ;; esac\n"
+    done = images_with({"docker": refusing}, tmp_path)
+    assert done.returncode == 1
+    assert "No Docker Engine answers: permission denied while trying to connect\n" in done.stderr
+    assert "group docker" in done.stderr
+
+
+def test_what_takes_minutes_is_told_when_it_begins(tmp_path: Path) -> None:
+    """Who waits for the first image sees for what."""
+    done = images_with({"docker": "#!/bin/sh\n"}, tmp_path)
+    assert done.stdout.startswith("images: sense4hri/tools ...\nimages: sense4hri/tools: ")
+
+
 def test_a_build_on_a_slow_network_is_given_more_time(tmp_path: Path) -> None:
     """It is told each time, for what stalls and what is slow look alike."""
     done = images_with({"docker": "#!/bin/sh\n", "timeout": SLOW}, tmp_path)

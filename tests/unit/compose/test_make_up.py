@@ -12,6 +12,8 @@ ROOT = Path(__file__).resolve().parents[3]
 DOCKER = """#!/bin/sh
 case "$*" in
     *" config "*) echo '{{"services": {{"recorder": {{"environment": {{"ROS_DOMAIN_ID": "0"}}}}}}}}' ;;
+    *" ls "*) echo sense4hri-small ;;
+    *" up "*) echo "TLS_ADDRESS ${{TLS_ADDRESS-is not set}}" ;;
     *" ps --services"*) printf '%s\\n' {running} ;;
 esac
 """
@@ -42,3 +44,34 @@ def test_what_prometheus_asks_for_is_told_where_it_runs(tmp_path: Path, running:
     printed = up(tmp_path, running)
     assert printed.count("http://127.0.0.1:9091, user study; its password is printed by: ") == told
     assert (tmp_path / "tokens" / "demo" / "view").read_text().strip() not in printed
+
+
+def test_how_to_stop_it_is_told(tmp_path: Path) -> None:
+    """`make down` alone stops the demo study, whatever runs."""
+    assert up(tmp_path, "recorder").endswith("to stop it: make down STUDY=demo\n")
+
+
+def test_no_variable_of_https_is_unset(tmp_path: Path) -> None:
+    """Compose warns of each, four times."""
+    assert "TLS_ADDRESS is not set" not in up(tmp_path, "recorder")
+
+
+def test_what_still_runs_is_told(tmp_path: Path) -> None:
+    """Whoever forgot STUDY has stopped nothing."""
+    (tmp_path / "docker").write_text(DOCKER.format(running="recorder"))
+    (tmp_path / "docker").chmod(0o755)
+    environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    done = subprocess.run(["make", "-s", "down"], cwd=ROOT, env=environment, capture_output=True, text=True, check=True)
+    assert "still running: sense4hri-small; make down STUDY=NAME stops a study" in done.stdout
+
+
+def test_an_engine_without_compose_is_told_before_images_are_built(tmp_path: Path) -> None:
+    """As Debian 12 has it: the images take minutes, and would be of no use."""
+    (tmp_path / "docker").write_text("#!/bin/sh\n[ $1 != compose ] || { echo 'compose is no command' >&2; exit 1; }\n")
+    (tmp_path / "docker").chmod(0o755)
+    environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    command = ["make", "-s", "up", "RUN=none"]
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "compose is no command\nmake up needs Docker Compose v2. Ubuntu: apt-get install" in done.stderr
+    assert "images:" not in done.stdout

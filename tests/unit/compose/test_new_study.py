@@ -145,6 +145,7 @@ def test_a_file_that_is_there_stays(tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
+        ([""], "NAME is missing: make study NAME=pilot"),
         (["Pilot!"], "NAME 'Pilot!' must be small letters"),
         (["a" * 300], "must be small letters, digits, _ and -, a letter or digit first, 64 at most"),
         (["pilot", "--participants", "p1,p1"], "--participants 'p1'"),
@@ -213,7 +214,13 @@ def test_no_answer_ends_the_questions(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("builtins.input", lambda text: exec("raise EOFError"))
     monkeypatch.setattr(new_study, "asked", lambda words: True)
     assert make(tmp_path, monkeypatch, "pilot") == 78
-    assert "no answer to: How many participants" in capsys.readouterr().err
+    assert "\nnothing is written: no answer to: How many participants" in capsys.readouterr().err
+
+
+def test_each_kind_of_sensor_is_told_with_what_it_is():
+    """Nobody knows what `core` or `watch` is."""
+    (text,) = (question.text for question in new_study.QUESTIONS if question.flag == "sensors")
+    assert "  h10          chest strap (Polar H10)\n" in text
 
 
 def test_a_folder_that_is_not_there_is_told_in_a_sentence(tmp_path, monkeypatch, capsys):
@@ -250,7 +257,7 @@ def test_an_answer_that_cannot_be_is_asked_for_again(tmp_path, monkeypatch, caps
 
 
 @pytest.mark.parametrize(
-    ("name", "said"), [("Pilot 1", "NAME 'Pilot 1' must be"), ("", "NAME '' must be"), ("there", "there.yaml is there")]
+    ("name", "said"), [("Pilot 1", "NAME 'Pilot 1' must be"), ("", "NAME is missing"), ("there", "there.yaml is there")]
 )
 def test_a_name_that_cannot_be_is_told_before_anything_is_asked(tmp_path, monkeypatch, capsys, name, said):
     """Whoever has answered five questions has not answered them in vain."""

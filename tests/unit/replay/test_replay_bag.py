@@ -127,7 +127,7 @@ def test_what_is_no_recording_is_refused_with_a_sentence(tmp_path):
         "folder": "no recording here",
         "wrong": "no recording here",
         "silent.mcap": "holds no message",
-        "cut.mcap": "sense4hri_recording.repair",
+        "cut.mcap": "sense4hri-repair",
     }
     for name, sentence in sentences.items():
         with pytest.raises(BagError, match=sentence):

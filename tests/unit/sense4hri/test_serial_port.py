@@ -145,6 +145,7 @@ def test_what_is_wrong_says_what_to_do(tmp_path: Path, monkeypatch: pytest.Monke
     free = socket.create_server(("127.0.0.1", 0))
     said = {
         "/dev/ttyNO7": "no such port; there is /dev/ttyACM3",
+        "/dev/rfcomm77": "no such port; pair the device, then: rfcomm bind /dev/rfcomm77 ITS-ADDRESS",
         str(tmp_path / "file"): "is no serial port",
         str(tmp_path / "stale"): "nobody listens there",
         f"socket://127.0.0.1:{free.getsockname()[1]}": "nobody listens there",

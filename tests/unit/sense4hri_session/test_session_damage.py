@@ -29,13 +29,13 @@ def test_a_file_that_was_cut_off_names_itself_and_the_repair(copy, share):
     whole = file.read_bytes()
     file.write_bytes(whole[: int(len(whole) * share)])
     cut = file.read_bytes()
-    with pytest.raises(SessionError, match=rf"{file.name}.*(sense4hri_recording\.repair|no MCAP)"):
+    with pytest.raises(SessionError, match=rf"{file.name}.*(sense4hri-repair|no MCAP)"):
         sense4hri_session.open(folder)
     assert file.read_bytes() == cut
 
 
 def test_after_the_repair_it_opens(copy):
-    """What `sense4hri_recording.repair` saves of a truncated file is a session again."""
+    """What `sense4hri-repair` saves of a truncated file is a session again."""
     from sense4hri_recording.repair import main as repair
 
     folder, file = copy

@@ -115,6 +115,11 @@ def test_mcap_reads_the_same(session, recording):
     assert sorted(ours) == sorted(theirs)
 
 
+def test_a_stream_is_shown_in_a_line(session):
+    """Whoever looks at `session.streams` sees what there is, not every stamp of it."""
+    assert repr(session["p1/ecg/h10_1"]) == "<Stream p1/ecg/h10_1: ecg; 130.095 Hz; unit uV>"
+
+
 def test_a_missing_stream_is_named(session):
     """A wrong key says what there is."""
     with pytest.raises(KeyError, match=r"p9/ecg/x.*p1/ecg/h10_1"):

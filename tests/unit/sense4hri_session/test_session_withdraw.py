@@ -295,6 +295,31 @@ def test_it_asks_first(session, capsys, monkeypatch):
     assert state(session) == before
 
 
+class Typed:
+    """A terminal at which this is typed; None is Ctrl-C."""
+
+    def __init__(self, answer: str | None) -> None:
+        self.answer = answer
+
+    def isatty(self) -> bool:
+        return True
+
+    def readline(self) -> str:
+        if self.answer is None:
+            raise KeyboardInterrupt
+        return self.answer
+
+
+@pytest.mark.parametrize("answer", ["p2\n", "", None])
+def test_another_answer_than_the_pseudonym_does_nothing_and_says_so(session, monkeypatch, capsys, answer):
+    """A wrong word, Ctrl-D and Ctrl-C."""
+    before = state(session)
+    monkeypatch.setattr(sys, "stdin", Typed(answer))
+    assert main([str(session), "--human", "p1"]) == 2
+    assert "nothing was done: that is not p1" in capsys.readouterr().err
+    assert state(session) == before
+
+
 def test_the_second_time_there_is_nothing_left(session, capsys):
     """Withdrawing again finds nothing and changes no byte."""
     folder = withdraw(session, "p1").now
@@ -361,7 +386,7 @@ def test_a_damaged_recording_is_refused(session, capsys):
     file.write_bytes(file.read_bytes()[:-3000])
     before = state(session)
     assert main([str(session), "--human", "p1", "--yes"]) == 1
-    assert "sense4hri_recording.repair" in capsys.readouterr().err
+    assert "sense4hri-repair" in capsys.readouterr().err
     assert state(session) == before
 
 

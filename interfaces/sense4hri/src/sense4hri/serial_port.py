@@ -194,7 +194,7 @@ def wrong_with(address: str) -> str:
     if address.startswith("socket:"):
         return ""
     if not Path(address).exists():
-        return f"no such port; {_there()}"
+        return f"no such port; {_there(address)}"
     return "" if os.access(address, os.R_OK | os.W_OK) else _FORBIDDEN
 
 
@@ -273,13 +273,15 @@ def _explained(address: str) -> Iterator[None]:
     except UnicodeError as err:  # a part of the name is empty or longer than 63 characters
         raise DeviceLost(f"{address}: no computer of that name can be ({err})") from err
     except FileNotFoundError as err:
-        raise DeviceLost(f"{address}: no such port; {_there()}") from err
+        raise DeviceLost(f"{address}: no such port; {_there(address)}") from err
     except OverflowError as err:
         raise DeviceLost(f"{address}: {err}") from err
     except OSError as err:
         raise DeviceLost(f"{address}: {_EXPLAINED.get(err.errno or 0, err.strerror or str(err))}") from err
 
 
-def _there() -> str:
+def _there(address: str) -> str:
+    if address.startswith("/dev/rfcomm"):
+        return f"pair the device, then: rfcomm bind {address} ITS-ADDRESS"
     found = ", ".join(ports())
     return f"there is {found}" if found else "plug it in; this computer or container has no serial port now"

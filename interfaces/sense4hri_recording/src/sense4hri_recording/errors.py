@@ -7,7 +7,7 @@ from zstandard import ZstdError
 
 LARGEST_RECORD = 128 << 20  # bytes, packed and unpacked; what says that it is larger is damaged
 LATEST_NS = (1 << 31) * 1_000_000_000  # no clock of ROS shows a later time
-REPAIR = "`python -m sense4hri_recording.repair` beside it saves what is whole; the file itself is never changed"
+REPAIR = "`sense4hri-repair` beside it saves what is whole; the file itself is never changed"
 DAMAGE = (
     McapError,
     ZstdError,

@@ -1,6 +1,6 @@
 """Makes a recording that was cut off readable by everything again.
 
-    python -m sense4hri_recording.repair RECORDING...
+    sense4hri-repair RECORDING...
 
 RECORDING is a folder of the recorder or an `.mcap` file. The damaged file is never changed: `<name>_repaired.mcap`
 is written beside it, chunk by chunk and only where the checksum is right, then read back before metadata.yaml is
@@ -216,8 +216,8 @@ def repair_folder(folder: Path) -> Outcome:
 
 def main(arguments: list[str] | None = None) -> int:
     """Repair what is named; 1 where something could not be saved."""
-    parser = argparse.ArgumentParser(prog="sense4hri_recording.repair", description=__doc__.partition("\n")[0])
-    parser.add_argument("recording", nargs="+", type=Path)
+    parser = argparse.ArgumentParser(prog="sense4hri-repair", description=__doc__.partition("\n")[0])
+    parser.add_argument("recording", nargs="+", type=Path, help="folder of a recording, or one .mcap file")
     status = 0
     for path in parser.parse_args(arguments).recording:
         try:

@@ -220,8 +220,7 @@ def _look(source: Source, file: Path, opened: IO[bytes]) -> None:
     opened.seek(-len(MAGIC), SEEK_END)
     if complete and opened.read() != MAGIC:
         source.remarks.append(
-            f"{file.name} was cut off behind its last message: `python -m sense4hri_recording.repair` makes its index "
-            "again"
+            f"{file.name} was cut off behind its last message: `sense4hri-repair` makes its index again"
         )
     if not complete:
         source.trouble.append(f"{file.name} was cut off: it has no end, {size - at} bytes after its last whole chunk")

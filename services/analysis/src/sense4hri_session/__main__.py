@@ -25,7 +25,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("recording", type=Path, help="any folder of a session, FOLDER/SESSION_ID, or one .mcap file")
     parser.add_argument("--only-this-part", action="store_true", help="leave out the other folders of its session")
     parser.add_argument("--out", type=Path, help="new folder to write; default: RECORDING_export beside it")
-    parser.add_argument("--formats", nargs="+", choices=FORMATS)
+    parser.add_argument("--formats", nargs="+", choices=FORMATS, help="which; default: all of them")
     parser.add_argument(
         "--share",
         action="store_true",

@@ -38,7 +38,7 @@ class Rows(NamedTuple):
     segment: NDArray[np.int32]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Stream:
     """One stream. metadata: what the registry said of it; empty where nothing is known.
 
@@ -53,6 +53,9 @@ class Stream:
     raws: Callable[[], Iterator[RawMessage]]
     hosts: SensorHosts = field(default_factory=lambda: SensorHosts(HostClocks()))
     placed: Callable[[], Iterator[Block]] | None = None
+
+    def __repr__(self) -> str:
+        return f"<Stream {self.key}: {', '.join(self.channels)}; {self.rate_in_words}; unit {self.unit or 'unknown'}>"
 
     @property
     def key(self) -> str:

@@ -131,7 +131,13 @@ def _confirmed(human_id: str, count: int) -> bool:
         print("nothing was done: --yes withdraws without asking, --dry-run shows what would go", file=sys.stderr)
         return False
     print(f"Everything of {human_id} in {count} recordings will be removed for good. Type the pseudonym to go on: ")
-    return sys.stdin.readline().strip() == human_id
+    try:
+        answer = sys.stdin.readline().strip()
+    except KeyboardInterrupt:
+        answer = ""
+    if answer != human_id:
+        print(f"nothing was done: that is not {human_id}", file=sys.stderr)
+    return answer == human_id
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
     python -m recorder.recover FOLDER...
 
-Every file is repaired as `sense4hri_recording.repair` does it; recorder.json then says that the recording was
+Every file is repaired as `sense4hri-repair` does it; recorder.json then says that the recording was
 interrupted, with the counts of what is there. A recording that somebody writes still is left alone.
 """
 
@@ -56,7 +56,7 @@ def recover(folder: Path) -> list[str]:
         if not about.state:
             raise ValueError(about.trouble or f"{recorder_json.NAME} does not say how far the recording has come")
         if about.state == COMPLETE:
-            raise ValueError("it was closed in order; `python -m sense4hri_recording.repair` mends damaged files")
+            raise ValueError("it was closed in order; `sense4hri-repair` mends damaged files")
         (folder / RESERVE).unlink(missing_ok=True)
         done, failures, found = repair_folder(folder)
         told = [f"{one.path.name}: {one.told}" for one in done]
