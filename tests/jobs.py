@@ -25,17 +25,25 @@ NOTHING_COLLECTED = 5
 LOOK_S = 3.0
 SPARE_PERCENT, FULL_PERCENT = 85.0, 98.0
 """Of all cores: with less in use there is room for one more, with more one too many."""
+GIVES_WAY = ("nice", "-n", "10")
+"""Before the command of what runs beside a job that is alone: it gets the time that is left, or else little."""
 
 
 class Job(NamedTuple):
-    """One pytest process. path: a file of tests, or a folder of them."""
+    """One pytest process. path: a file of tests, or a folder of them. alone: beside it only pure code may run."""
 
     group: str
     path: Path
+    alone: bool = False
 
     @property
     def name(self) -> str:
         return self.path.name
+
+    @property
+    def pure(self) -> bool:
+        """True of code that waits for no process, and may take any time."""
+        return self.group == "unit"
 
 
 @dataclass
@@ -74,14 +82,14 @@ class Running:
     Processes that share pytest's folder clean up behind each other's backs. It is kept where a test has failed.
     """
 
-    def __init__(self, job: Job, folder: Path, arguments: Sequence[str]) -> None:
+    def __init__(self, job: Job, folder: Path, arguments: Sequence[str], before: Sequence[str] = ()) -> None:
         self.job, self.begun = job, time.monotonic()
         stem = folder / f"{job.group}-{job.path.stem}"
         self._log, self._report = stem.with_suffix(".log"), stem.with_suffix(".xml")
         self._report.unlink(missing_ok=True)
         self._scratch = Path(tempfile.mkdtemp(prefix="sense4hri-"))
         own = [f"--junitxml={self._report}", f"--basetemp={self._scratch / 't'}"]
-        command = [sys.executable, "-m", "pytest", str(job.path), *own, *arguments]
+        command = [*before, sys.executable, "-m", "pytest", str(job.path), *own, *arguments]
         with self._log.open("wb") as log:
             self._process = _begin(command, log)
 
@@ -177,8 +185,20 @@ class Room:
         return self._jobs
 
 
+def following(waiting: Sequence[Job], running: Sequence[Job], room: int) -> Job | None:
+    """The first job that may begin now; beside one that is alone the first of pure code, while a core is left over.
+
+    room: how many may run at a time.
+    """
+    if any(job.alone for job in running):
+        waiting, room = [job for job in waiting if job.pure], min(room, len(os.sched_getaffinity(0)))
+    return waiting[0] if waiting and len(running) < room else None
+
+
 def run(jobs: Sequence[Job], room: Room, limit_s: float, folder: Path, arguments: Sequence[str]) -> Iterator[Result]:
     """Run the jobs in their order, as many at a time as there is room for; yield each result as it comes.
+
+    Those that are alone stand before the others.
 
     limit_s: a job that takes longer is ended and has failed. folder: for logs and reports. When the caller stops
     listening, or is interrupted, all that runs is ended.
@@ -186,8 +206,10 @@ def run(jobs: Sequence[Job], room: Room, limit_s: float, folder: Path, arguments
     waiting, running = list(jobs), list[Running]()
     try:
         while waiting or running:
-            while waiting and len(running) < room.jobs():
-                running.append(Running(waiting.pop(0), folder, arguments))
+            while job := following(waiting, of := [each.job for each in running], room.jobs()):
+                waiting.remove(job)
+                before = GIVES_WAY if any(each.alone for each in of) else ()
+                running.append(Running(job, folder, arguments, before))
             for each in [*running]:
                 result = each.result()
                 if result is None and each.age_s > limit_s:

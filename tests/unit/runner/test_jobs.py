@@ -21,6 +21,22 @@ import sys
 
 def test_compiled_code_is_kept(): assert not sys.dont_write_bytecode
 """
+TELLS = """
+import os
+from pathlib import Path
+
+def test_tells(): Path(__file__).with_name("pure").write_text(str(os.nice(0)))
+"""
+LISTENS = """
+import os
+from pathlib import Path
+from processes import poll
+
+def test_listens():
+    told = Path(__file__).with_name("pure")
+    poll(lambda: told.exists() and told.read_text(), "the other has told its priority")
+    told.with_name("alone").write_text(str(os.nice(0)))
+"""
 HANGS = """
 import os, subprocess, time
 from pathlib import Path
@@ -126,6 +142,29 @@ def test_no_more_run_than_there_is_room_for(tmp_path, monkeypatch):
     assert len(list(jobs.run(made, jobs.Room(2, 2), 60.0, tmp_path, []))) == 4
     assert begun == made
     assert max(np.cumsum(beside)) == 2
+
+
+def test_beside_what_is_alone_only_pure_code_runs(monkeypatch):
+    """On every core but one, and nothing where a single file at a time was asked for; afterwards whatever is next."""
+    monkeypatch.setattr(jobs.os, "sched_getaffinity", lambda _: {0, 1})
+    alone = jobs.Job("graph", Path("test_alone.py"), alone=True)
+    graph, unit = (jobs.Job(group, Path(f"test_{group}.py")) for group in ("graph", "unit"))
+    assert jobs.following([alone, graph, unit], [], 3) == alone
+    assert jobs.following([graph, unit], [alone], 3) == unit
+    assert jobs.following([graph, unit], [alone, unit], 3) is None
+    assert jobs.following([graph, unit], [alone], 1) is None
+    assert jobs.following([graph], [alone], 3) is None
+    assert jobs.following([graph, unit], [unit], 3) == graph
+
+
+def test_what_runs_beside_a_file_that_is_alone_gives_way_to_it(tmp_path, monkeypatch):
+    """Its priority is lower; that of the other is what it was."""
+    monkeypatch.setattr(jobs.os, "sched_getaffinity", lambda _: {0, 1})
+    alone, pure = job(tmp_path, "test_alone.py", LISTENS)._replace(alone=True), job(tmp_path, "test_pure.py", TELLS)
+    results = list(jobs.run([alone, pure], jobs.Room(2, 2), 60.0, tmp_path, []))
+    assert [result.output for result in results if not result.ok] == []
+    others, own = (int((tmp_path / name).read_text()) for name in ("pure", "alone"))
+    assert (own, others) == (os.nice(0), min(os.nice(0) + 10, 19))
 
 
 def test_a_file_that_hangs_is_ended_and_has_failed(tmp_path):
