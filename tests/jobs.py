@@ -24,9 +24,9 @@ KIND_END_S = 15.0
 NOTHING_COLLECTED = 5
 LOOK_S = 3.0
 SPARE_PERCENT, FULL_PERCENT = 85.0, 98.0
-"""Of all cores: with less in use there is room for one more, with more one too many."""
+"""Of all cores, without what gives way: with less in use there is room for one more, with more one too many."""
 GIVES_WAY = ("nice", "-n", "10")
-"""Before the command of what runs beside a job that is alone: it gets the time that is left, or else little."""
+"""Before the command of what gets the time that the others leave, and a little where they leave none."""
 
 
 class Job(NamedTuple):
@@ -167,32 +167,44 @@ def _count(result: Result, report: Path) -> None:
 class Room:
     """How many jobs run side by side: one more each LOOK_S in which cores had nothing to do, one less where all had.
 
-    Some jobs compute and some wait for what they have started; nobody has to write down which. least, most: jobs.
+    Some jobs compute and some wait for what they have started. least, most: jobs. aside: jobs of pure code beside them,
+    which give way to them; with none, pure code is a job like any other.
     """
 
-    def __init__(self, least: int, most: int) -> None:
-        self._least, self._most = least, most
+    def __init__(self, least: int, most: int, aside: int = 0) -> None:
+        self._least, self._most, self.aside = least, most, aside
         self._jobs, self._looked = least, time.monotonic()
-        psutil.cpu_percent()  # the next one is of the time from here on
+        used_percent()  # the next one is of the time from here on
 
     def jobs(self) -> int:
         """As many as there may be now."""
         if time.monotonic() - self._looked >= LOOK_S:
             self._looked = time.monotonic()
-            used_percent = psutil.cpu_percent()
-            more = (used_percent < SPARE_PERCENT) - (used_percent > FULL_PERCENT)
+            used = used_percent()
+            more = (used < SPARE_PERCENT) - (used > FULL_PERCENT)
             self._jobs = min(max(self._jobs + more, self._least), self._most)
         return self._jobs
 
 
-def following(waiting: Sequence[Job], running: Sequence[Job], room: int) -> Job | None:
-    """The first job that may begin now; beside one that is alone the first of pure code, while a core is left over.
+def used_percent() -> float:
+    """Of all cores since the last call, without what gives way."""
+    times = psutil.cpu_times_percent()
+    return times.user + times.system
 
-    room: how many may run at a time.
+
+def following(waiting: Sequence[Job], running: Sequence[Job], room: int, aside: int) -> Job | None:
+    """The first job that may begin now: there is room for so many, and for `aside` of pure code beside them.
+
+    Beside one that is alone there is pure code and nothing else, and a core is left over.
     """
-    if any(job.alone for job in running):
-        waiting, room = [job for job in waiting if job.pure], min(room, len(os.sched_getaffinity(0)))
-    return waiting[0] if waiting and len(running) < room else None
+
+    def gives_way(job: Job) -> bool:
+        return job.pure and aside > 0
+
+    alone = any(job.alone for job in running)
+    most = {False: 0 if alone else room, True: min(aside, len(os.sched_getaffinity(0)) - 1) if alone else aside}
+    begun = Counter(gives_way(job) for job in running)
+    return next((job for job in waiting if begun[gives_way(job)] < most[gives_way(job)]), None)
 
 
 def run(jobs: Sequence[Job], room: Room, limit_s: float, folder: Path, arguments: Sequence[str]) -> Iterator[Result]:
@@ -206,9 +218,9 @@ def run(jobs: Sequence[Job], room: Room, limit_s: float, folder: Path, arguments
     waiting, running = list(jobs), list[Running]()
     try:
         while waiting or running:
-            while job := following(waiting, of := [each.job for each in running], room.jobs()):
+            while job := following(waiting, [each.job for each in running], room.jobs(), room.aside):
                 waiting.remove(job)
-                before = GIVES_WAY if any(each.alone for each in of) else ()
+                before = GIVES_WAY if job.pure and room.aside else ()
                 running.append(Running(job, folder, arguments, before))
             for each in [*running]:
                 result = each.result()

@@ -128,9 +128,9 @@ def remember(results: Sequence[Result]) -> None:
 
 
 def room_for(jobs: int | None) -> Room:
-    """So many files at a time; where it is left to the machine, one more than cores at least."""
+    """So many files at a time; where it is left to the machine, one more than cores at least, and pure code aside."""
     cores = len(os.sched_getaffinity(0))
-    return Room(jobs, jobs) if jobs else Room(cores + 1, MOST_OF_A_CORE * cores)
+    return Room(jobs, jobs) if jobs else Room(cores + 1, MOST_OF_A_CORE * cores, cores)
 
 
 def run_all(jobs: list[Job], room: Room, arguments: Sequence[str]) -> list[Result]:
