@@ -25,8 +25,8 @@ NOTHING_COLLECTED = 5
 LOOK_S = 3.0
 SPARE_PERCENT, FULL_PERCENT = 85.0, 98.0
 """Of all cores, without what gives way: with less in use there is room for one more, with more one too many."""
-GIVES_WAY = ("nice", "-n", "10")
-"""Before the command of what gets the time that the others leave, and a little where they leave none."""
+GIVES_WAY = ("nice", "-n", "5")
+"""Before the command of what gets the time that the others leave, and a third of theirs where they leave none."""
 
 
 class Job(NamedTuple):

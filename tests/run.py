@@ -3,10 +3,11 @@
     python tests/run.py [--only containers] [--slow] [--strict] [--jobs 3] [--once] [pytest arguments]
 
 Groups: unit, kit, contract, graph, browser; containers where a Docker Engine answers; kubernetes where
-k8s/cluster/build.sh has put what a test cluster needs. Every file (of the unit tests
-every folder) is a pytest process of its own, with its own ROS domain and ports. The output of those that fail stands at
-the end. A file that waits for other processes and fails is tried once more, alone; where it then passes it is told as
-UNSTABLE with the output of its failure. The exit status is 0 where all have passed.
+k8s/cluster/build.sh has put what a test cluster needs. Every file (of the unit tests every folder) is a pytest process
+of its own, with its own ROS domain and ports. Unit tests compute and wait for nobody: they take the time that the
+others leave, at a lower priority. The output of those that fail stands at the end. A file that waits for other
+processes and fails is tried once more, alone; where it then passes it is told as UNSTABLE with the output of its
+failure. The exit status is 0 where all have passed.
 """
 
 from __future__ import annotations

@@ -177,7 +177,7 @@ def test_pure_code_gives_way_to_what_runs_beside_it(tmp_path, monkeypatch):
     results = list(jobs.run([alone, pure], jobs.Room(1, 1, 1), 60.0, tmp_path, []))
     assert [result.output for result in results if not result.ok] == []
     others, own = (int((tmp_path / name).read_text()) for name in ("pure", "alone"))
-    assert (own, others) == (os.nice(0), min(os.nice(0) + 10, 19))
+    assert (own, others) == (os.nice(0), min(os.nice(0) + int(jobs.GIVES_WAY[-1]), 19))
 
 
 def test_what_gives_way_leaves_room(monkeypatch):
