@@ -24,18 +24,26 @@ KIND_END_S = 15.0
 NOTHING_COLLECTED = 5
 LOOK_S = 3.0
 SPARE_PERCENT, FULL_PERCENT = 85.0, 98.0
-"""Of all cores: with less in use there is room for one more, with more one too many."""
+"""Of all cores, without what gives way: with less in use there is room for one more, with more one too many."""
+GIVES_WAY = ("nice", "-n", "5")
+"""Before the command of what gets the time that the others leave, and a third of theirs where they leave none."""
 
 
 class Job(NamedTuple):
-    """One pytest process. path: a file of tests, or a folder of them."""
+    """One pytest process. path: a file of tests, or a folder of them. alone: beside it only pure code may run."""
 
     group: str
     path: Path
+    alone: bool = False
 
     @property
     def name(self) -> str:
         return self.path.name
+
+    @property
+    def pure(self) -> bool:
+        """True of code that waits for no process, and may take any time."""
+        return self.group == "unit"
 
 
 @dataclass
@@ -74,14 +82,14 @@ class Running:
     Processes that share pytest's folder clean up behind each other's backs. It is kept where a test has failed.
     """
 
-    def __init__(self, job: Job, folder: Path, arguments: Sequence[str]) -> None:
+    def __init__(self, job: Job, folder: Path, arguments: Sequence[str], before: Sequence[str] = ()) -> None:
         self.job, self.begun = job, time.monotonic()
         stem = folder / f"{job.group}-{job.path.stem}"
         self._log, self._report = stem.with_suffix(".log"), stem.with_suffix(".xml")
         self._report.unlink(missing_ok=True)
         self._scratch = Path(tempfile.mkdtemp(prefix="sense4hri-"))
         own = [f"--junitxml={self._report}", f"--basetemp={self._scratch / 't'}"]
-        command = [sys.executable, "-m", "pytest", str(job.path), *own, *arguments]
+        command = [*before, sys.executable, "-m", "pytest", str(job.path), *own, *arguments]
         with self._log.open("wb") as log:
             self._process = _begin(command, log)
 
@@ -159,26 +167,50 @@ def _count(result: Result, report: Path) -> None:
 class Room:
     """How many jobs run side by side: one more each LOOK_S in which cores had nothing to do, one less where all had.
 
-    Some jobs compute and some wait for what they have started; nobody has to write down which. least, most: jobs.
+    Some jobs compute and some wait for what they have started. least, most: jobs. aside: jobs of pure code beside them,
+    which give way to them; with none, pure code is a job like any other.
     """
 
-    def __init__(self, least: int, most: int) -> None:
-        self._least, self._most = least, most
+    def __init__(self, least: int, most: int, aside: int = 0) -> None:
+        self._least, self._most, self.aside = least, most, aside
         self._jobs, self._looked = least, time.monotonic()
-        psutil.cpu_percent()  # the next one is of the time from here on
+        used_percent()  # the next one is of the time from here on
 
     def jobs(self) -> int:
         """As many as there may be now."""
         if time.monotonic() - self._looked >= LOOK_S:
             self._looked = time.monotonic()
-            used_percent = psutil.cpu_percent()
-            more = (used_percent < SPARE_PERCENT) - (used_percent > FULL_PERCENT)
+            used = used_percent()
+            more = (used < SPARE_PERCENT) - (used > FULL_PERCENT)
             self._jobs = min(max(self._jobs + more, self._least), self._most)
         return self._jobs
 
 
+def used_percent() -> float:
+    """Of all cores since the last call, without what gives way."""
+    times = psutil.cpu_times_percent()
+    return times.user + times.system
+
+
+def following(waiting: Sequence[Job], running: Sequence[Job], room: int, aside: int) -> Job | None:
+    """The first job that may begin now: there is room for so many, and for `aside` of pure code beside them.
+
+    Beside one that is alone there is pure code and nothing else, and a core is left over.
+    """
+
+    def gives_way(job: Job) -> bool:
+        return job.pure and aside > 0
+
+    alone = any(job.alone for job in running)
+    most = {False: 0 if alone else room, True: min(aside, len(os.sched_getaffinity(0)) - 1) if alone else aside}
+    begun = Counter(gives_way(job) for job in running)
+    return next((job for job in waiting if begun[gives_way(job)] < most[gives_way(job)]), None)
+
+
 def run(jobs: Sequence[Job], room: Room, limit_s: float, folder: Path, arguments: Sequence[str]) -> Iterator[Result]:
     """Run the jobs in their order, as many at a time as there is room for; yield each result as it comes.
+
+    Those that are alone stand before the others.
 
     limit_s: a job that takes longer is ended and has failed. folder: for logs and reports. When the caller stops
     listening, or is interrupted, all that runs is ended.
@@ -186,8 +218,10 @@ def run(jobs: Sequence[Job], room: Room, limit_s: float, folder: Path, arguments
     waiting, running = list(jobs), list[Running]()
     try:
         while waiting or running:
-            while waiting and len(running) < room.jobs():
-                running.append(Running(waiting.pop(0), folder, arguments))
+            while job := following(waiting, [each.job for each in running], room.jobs(), room.aside):
+                waiting.remove(job)
+                before = GIVES_WAY if job.pure and room.aside else ()
+                running.append(Running(job, folder, arguments, before))
             for each in [*running]:
                 result = each.result()
                 if result is None and each.age_s > limit_s:

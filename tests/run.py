@@ -3,10 +3,11 @@
     python tests/run.py [--only containers] [--slow] [--strict] [--jobs 3] [--once] [pytest arguments]
 
 Groups: unit, kit, contract, graph, browser; containers where a Docker Engine answers; kubernetes where
-k8s/cluster/build.sh has put what a test cluster needs. Every file (of the unit tests
-every folder) is a pytest process of its own, with its own ROS domain and ports. The output of those that fail stands at
-the end. A file that waits for other processes and fails is tried once more, alone; where it then passes it is told as
-UNSTABLE with the output of its failure. The exit status is 0 where all have passed.
+k8s/cluster/build.sh has put what a test cluster needs. Every file (of the unit tests every folder) is a pytest process
+of its own, with its own ROS domain and ports. Unit tests compute and wait for nobody: they take the time that the
+others leave, at a lower priority. The output of those that fail stands at the end. A file that waits for other
+processes and fails is tried once more, alone; where it then passes it is told as UNSTABLE with the output of its
+failure. The exit status is 0 where all have passed.
 """
 
 from __future__ import annotations
@@ -31,16 +32,14 @@ from environment import network_environment
 TESTS = ROOT / "tests"
 GROUPS = ("unit", "kit", "contract", "graph", "browser", "containers", "kubernetes")
 ALONE = {"containers", "test_cluster.py", "test_replay_law.py", "test_nine_modalities.py", "test_faults.py"}
-"""One file at a time, after all others: what shares something of this machine, and studies beside which nobody may want
-its cores: the first state of a replay at 20x has 25 ms for its features, sixteen services have 10 s to stop, and of
-services beside one that is killed nobody may be silent for 3.5 s."""
+"""One file at a time, before all others, beside nothing but pure code that gives way to it: what shares something of
+this machine, and studies beside which nobody may want its cores. There the first state of a replay at 20x has 25 ms for
+its features, sixteen services have 10 s to stop, and beside one that is killed nobody may be silent for 3.5 s."""
 ONE = Room(1, 1)
 MOST_OF_A_CORE = 3
 """Files at a time for each core, where all of them wait."""
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 QUICK = ("-m", "not slow")
-UNTRIED_AGAIN = {"unit"}
-"""Groups of pure code: what failed there would fail again."""
 MOST_TRIED_AGAIN = 3
 """Files; where more have failed, the machine is not the reason."""
 LOGS = ROOT / "build" / "tests"
@@ -52,18 +51,17 @@ MINUTES = {
     "test_colcon_workspace.py": 9,
     "interpreter-ecg": 6,
     "test_device_studies.py": 5,
-    "test_every_service.py": 4,
-    "test_session.py": 4,
-    "sense4hri_session": 4,
+    **dict.fromkeys(("test_every_service.py", "test_gui_ways.py", "test_session.py", "sense4hri_session"), 4),
     "interpreter-ppg": 3,
     "test_gui.py": 3,
     "test_replay.py": 3,
     **dict.fromkeys(("test_check_driver.py", "test_demo_graph.py", "test_driver_polar.py", "test_driver_shell.py"), 2),
     **dict.fromkeys(("test_recorder.py", "test_scripted_study.py", "test_sensor_bench.py", "test_service.py"), 2),
-    **dict.fromkeys(("test_stranger.py", "test_three_hosts.py"), 2),
-    **dict.fromkeys(("interpreter-eda", "interpreter-eog", "interpreter-respiration"), 1),
+    **dict.fromkeys(("test_stranger.py", "test_three_hosts.py", "test_gui_eight.py", "test_gui_lanes.py"), 2),
+    **dict.fromkeys(("test_gui_session.py", "test_gui_strangers.py", "interpreter-respiration"), 2),
+    **dict.fromkeys(("interpreter-eda", "interpreter-eog", "test_reading_without_ros.py", "test_gui_access.py"), 1),
     **dict.fromkeys(("test_alerts.py", "test_asked.py", "test_faults.py", "test_new_service.py"), 1),
-    **dict.fromkeys(("test_gui_session.py", "test_gui_strangers.py"), 1),
+    **dict.fromkeys(("test_gui_assign.py", "test_gui_modalities.py"), 1),
     **dict.fromkeys(("test_host_clocks.py", "test_clock_sync.py", "test_driver_brainflow.py", "test_bridge_lsl.py"), 1),
     **dict.fromkeys(("test_fusion_affect.py", "test_interpreter_shell.py", "test_interpreter_sources.py"), 1),
     **dict.fromkeys(("test_metadata_registry.py", "test_graph_fuzz.py", "compose", "sense4hri"), 1),
@@ -102,15 +100,15 @@ def jobs_of(group: str) -> list[Job]:
     """Its files; of the unit tests, many and quick, the folders."""
     files = sorted((TESTS / group).rglob("test_*.py"))
     paths = sorted({file.parent for file in files}) if group == "unit" else files
-    return [Job(group, path) for path in paths]
+    return [Job(group, path, bool({group, path.name} & ALONE)) for path in paths]
 
 
 def longest_first(jobs: list[Job]) -> list[Job]:
-    """In the order of what they took last time; those never run here before the others."""
+    """In the order of what they took last time; those never run here before the others, those that are alone first."""
     known = last_time()
 
-    def key(job: Job) -> tuple[bool, float]:
-        return name_of(job) not in known, known.get(name_of(job), MINUTES.get(job.name, 0.0))
+    def key(job: Job) -> tuple[bool, bool, float]:
+        return job.alone, name_of(job) not in known, known.get(name_of(job), MINUTES.get(job.name, 0.0))
 
     return sorted(jobs, key=key, reverse=True)
 
@@ -131,20 +129,17 @@ def remember(results: Sequence[Result]) -> None:
 
 
 def room_for(jobs: int | None) -> Room:
-    """So many files at a time; where it is left to the machine, one more than cores at least."""
+    """So many files at a time; where it is left to the machine, one more than cores at least, and pure code aside."""
     cores = len(os.sched_getaffinity(0))
-    return Room(jobs, jobs) if jobs else Room(cores + 1, MOST_OF_A_CORE * cores)
+    return Room(jobs, jobs) if jobs else Room(cores + 1, MOST_OF_A_CORE * cores, cores)
 
 
 def run_all(jobs: list[Job], room: Room, arguments: Sequence[str]) -> list[Result]:
     """Run them, a line for each that has ended."""
     results: list[Result] = []
-    alone = [job for job in jobs if {job.group, job.name} & ALONE]
-    together = longest_first([job for job in jobs if job not in alone])
-    for part, beside in ((together, room), (alone, ONE)):
-        for result in run(part, beside, LIMIT_S, LOGS, arguments):
-            results.append(result)
-            tell(f"[{len(results):3d}/{len(jobs)}]", result)
+    for result in run(longest_first(jobs), room, LIMIT_S, LOGS, arguments):
+        results.append(result)
+        tell(f"[{len(results):3d}/{len(jobs)}]", result)
     return results
 
 
@@ -158,7 +153,7 @@ def tell(count: str, result: Result) -> None:
 
 def try_again(results: Sequence[Result], arguments: Sequence[str]) -> list[Result]:
     """The results, with those of a second try, alone, in place of the first that failed; `unstable` where it passed."""
-    failed = [result for result in results if not result.ok and result.job.group not in UNTRIED_AGAIN]
+    failed = [result for result in results if not result.ok and not result.job.pure]  # it would fail again
     if len(failed) > MOST_TRIED_AGAIN:
         return [*results]
     first = {result.job: result for result in failed}

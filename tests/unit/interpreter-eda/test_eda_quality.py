@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from interpreter_eda.config import Config
 from interpreter_eda.stream import EdaStream
-from quality_ladder import assert_falls, held
+from quality_ladder import assert_falls, held, played_once
 from sense4hri.names import StreamName
 from sense4hri.stream_info import StreamInfo
 from slow_signals import event_times_s, skin
@@ -111,6 +111,7 @@ def test_time_that_was_withheld_counts_for_no_rate():
     assert after.signal_quality < 0.6
 
 
+ladder = played_once(play)
 # mains that sampling folds to less than a cycle in 10 s, as 50 Hz by 50 Hz, are a level that drifts: not told
 LADDERS = {
     "noise": lambda x, t_s, k: x + 0.05 * k * np.random.default_rng(1).normal(size=len(x)),
@@ -130,7 +131,7 @@ def test_quality_falls_step_by_step(kind, fs_hz):
     t_s = np.arange(round(SECONDS * fs_hz)) / fs_hz
     clean = skin(SECONDS, fs_hz, [15.0, 40.0, 62.0, 75.0], [0.5, 0.8, 0.4, 0.6])
     clean += np.random.default_rng(9).normal(0, 0.002, len(clean))
-    assert_falls(lambda k: play(LADDERS[kind](clean, t_s, k), fs_hz)[20:])
+    assert_falls(lambda k: ladder(LADDERS[kind](clean, t_s, k), fs_hz)[20:])
 
 
 @pytest.mark.parametrize("per_min", [8.0, 12.0, 18.0])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from brain_signals import CAP, blink, brain, extra, play
 from interpreter_eeg.config import Config
-from quality_ladder import assert_falls, held
+from quality_ladder import assert_falls, held, played_once
 from slow_signals import T0_NS
 
 FS_HZ, SECONDS = 128.0, 40
@@ -42,6 +42,7 @@ def test_what_is_no_eeg_is_told(samples, word):
     assert len(updates) == SECONDS - 1
 
 
+ladder = played_once(play)
 LADDERS = {
     "noise": lambda x, t_s, k: x + 4 * k * np.random.default_rng(5).normal(size=x.shape),
     "drift": lambda x, t_s, k: x + 20 * k * t_s,
@@ -59,7 +60,7 @@ def test_quality_falls_step_by_step(kind, fs_hz, names):
     """Each step of noise, drift, mains, motion, loss, held values and blinks lowers the quality on average."""
     clean = brain(SECONDS, fs_hz, len(names))
     t_s = np.arange(len(clean))[:, None] / fs_hz
-    assert_falls(lambda k: play(LADDERS[kind](clean, t_s, k), fs_hz, names)[20:])
+    assert_falls(lambda k: ladder(LADDERS[kind](clean, t_s, k), fs_hz, names)[20:])
 
 
 def test_bad_channels_are_named_and_the_others_go_on():

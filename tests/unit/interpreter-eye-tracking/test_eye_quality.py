@@ -5,7 +5,7 @@ import pytest
 from gaze import EYELINK_HZ, EYELINK_PX_PER_DEG, extra_of, eyelink, in_deg, looking
 from interpreter_eye_tracking.config import Config
 from interpreter_eye_tracking.stream import EyeStream
-from quality_ladder import assert_falls, held
+from quality_ladder import assert_falls, held, played_once
 from sense4hri.names import StreamName
 from sense4hri.stream_info import StreamInfo
 
@@ -118,6 +118,7 @@ def test_what_ended_before_the_tracker_hung_is_told_with_the_problem():
     assert len(extra_of(update, "fixation_x")) == len(update.fixation_timestamps)
 
 
+ladder = played_once(in_deg)
 # no mains: a camera measures; a head that moves has gaze that moves
 LADDERS = {
     "noise": lambda x, t_s, k: x + np.random.default_rng(1).normal(0, 0.4 * k, x.shape),
@@ -135,7 +136,7 @@ def test_quality_falls_step_by_step(kind, unit, fs_hz):
     scale = 1.0 if unit == "deg" else 40.0
     clean, _ = looking(fs_hz, np.random.default_rng(7).uniform([-15, -10], [15, 10], (60, 2)), noise=0.05)
     t_s = np.arange(len(clean))[:, None] / fs_hz
-    assert_falls(lambda k: in_deg(scale * LADDERS[kind](clean, t_s, k), fs_hz, make, unit=unit)[5:])
+    assert_falls(lambda k: ladder(scale * LADDERS[kind](clean, t_s, k), fs_hz, make, unit=unit)[5:])
 
 
 @pytest.mark.parametrize("fs_hz", [60.0, 120.0, 1000.0])

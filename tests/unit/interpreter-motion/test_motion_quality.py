@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from interpreter_motion.config import Config
 from interpreter_motion.stream import MotionStream
-from quality_ladder import assert_falls, held
+from quality_ladder import assert_falls, held, played_once
 from sense4hri.names import StreamName
 from sense4hri.stream_info import StreamInfo
 from slow_signals import play as play_signal
@@ -57,6 +57,7 @@ def test_gestures_have_no_steps():
     assert play(2 * shaking / shaking.std() + [0, 0, GRAVITY])[-1].extra[0].values[0] <= 6
 
 
+ladder = played_once(play)
 # no motion: it is the signal
 LADDERS = {
     "noise": lambda x, t_s, k: x + np.random.default_rng(1).normal(0, 1.0 * k, x.shape),
@@ -73,7 +74,7 @@ def test_quality_falls_step_by_step(kind, fs_hz):
     """Each step of noise, drift, mains, loss and held values lowers the quality on average."""
     walk = acceleration(30, fs_hz, [(5, 25, 105)])
     t_s = np.arange(len(walk))[:, None] / fs_hz
-    assert_falls(lambda k: play(LADDERS[kind](walk, t_s, k), fs_hz=fs_hz)[5:])
+    assert_falls(lambda k: ladder(LADDERS[kind](walk, t_s, k), fs_hz=fs_hz)[5:])
 
 
 def test_quality_falls_with_the_range():

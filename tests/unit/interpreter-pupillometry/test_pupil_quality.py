@@ -5,7 +5,7 @@ import pytest
 from gaze import at_stamps, extra_of, pupils
 from interpreter_pupillometry.config import Config
 from interpreter_pupillometry.stream import PupilStream
-from quality_ladder import assert_falls, held
+from quality_ladder import assert_falls, held, played_once
 from sense4hri.names import StreamName
 from sense4hri.stream_info import StreamInfo
 from slow_signals import play
@@ -66,6 +66,7 @@ def test_doubt_of_the_tracker_counts():
     assert last.diameter == pytest.approx(3.0, abs=0.02)
 
 
+ladder = played_once(in_mm)
 # no mains: a camera measures; a head that moves has a pupil of the same size
 LADDERS = {
     "noise": lambda x, t_s, k: x + np.random.default_rng(1).normal(0, 0.05 * k, x.shape),
@@ -83,7 +84,7 @@ def test_quality_falls_step_by_step(kind, fs_hz):
     """Each step of noise, drift, lost samples, blinks, spikes and held sizes lowers the quality on average."""
     clean = pupils(fs_hz, 40, [(25.0, 30.0, 0.3)], [15.0, 27.0])
     t_s = np.arange(len(clean))[:, None] / fs_hz
-    assert_falls(lambda k: in_mm(LADDERS[kind](clean, t_s, k), fs_hz=fs_hz)[5:])
+    assert_falls(lambda k: ladder(LADDERS[kind](clean, t_s, k), fs_hz=fs_hz)[5:])
 
 
 @pytest.mark.parametrize("fs_hz", [60.0, FS_HZ, 1000.0])

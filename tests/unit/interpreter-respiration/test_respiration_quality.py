@@ -8,15 +8,17 @@ from breathing_signals import belt, chest, ecg
 from interpreter_respiration.config import Config
 from interpreter_respiration.heart import HeartStream
 from interpreter_respiration.stream import RespirationStream
-from quality_ladder import assert_falls
+from quality_ladder import assert_falls, played_once
 from slow_signals import play
 
 AXES = ("x", "y", "z")
-BELT = partial(play, lambda info: RespirationStream(Config(), info), sensor_type="respiration", unit="a.u.")
-CHEST = partial(
-    play, lambda info: RespirationStream(Config(), info), sensor_type="accelerometer", unit="m/s^2", names=AXES
+BELT = played_once(
+    partial(play, lambda info: RespirationStream(Config(), info), sensor_type="respiration", unit="a.u.")
 )
-HEART = partial(play, lambda info: HeartStream(Config(), info), sensor_type="ecg", unit="uV")
+CHEST = played_once(
+    partial(play, lambda info: RespirationStream(Config(), info), sensor_type="accelerometer", unit="m/s^2", names=AXES)
+)
+HEART = played_once(partial(play, lambda info: HeartStream(Config(), info), sensor_type="ecg", unit="uV"))
 RESTING_HZ = 100.0
 
 

@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import jobs
@@ -20,6 +21,22 @@ KEEPS = """
 import sys
 
 def test_compiled_code_is_kept(): assert not sys.dont_write_bytecode
+"""
+TELLS = """
+import os
+from pathlib import Path
+
+def test_tells(): Path(__file__).with_name("pure").write_text(str(os.nice(0)))
+"""
+LISTENS = """
+import os
+from pathlib import Path
+from processes import poll
+
+def test_listens():
+    told = Path(__file__).with_name("pure")
+    poll(lambda: told.exists() and told.read_text(), "the other has told its priority")
+    told.with_name("alone").write_text(str(os.nice(0)))
 """
 HANGS = """
 import os, subprocess, time
@@ -94,7 +111,7 @@ def test_every_file_writes_into_a_folder_of_its_own_kept_where_it_failed(tmp_pat
 def test_there_is_room_for_more_while_cores_have_nothing_to_do(monkeypatch):
     """One more after each look at a machine with time to spare, one less where it has none, between the two bounds."""
     used_percent = iter([0.0, 50.0, 84.0, 90.0, 20.0, 20.0, 100.0, 99.0, 100.0, 100.0, 100.0])
-    monkeypatch.setattr(jobs.psutil, "cpu_percent", lambda: next(used_percent))
+    monkeypatch.setattr(jobs, "used_percent", lambda: next(used_percent))
     now_s = [100.0]
     monkeypatch.setattr(jobs.time, "monotonic", lambda: now_s[0])
     room, seen = jobs.Room(3, 6), []
@@ -126,6 +143,48 @@ def test_no_more_run_than_there_is_room_for(tmp_path, monkeypatch):
     assert len(list(jobs.run(made, jobs.Room(2, 2), 60.0, tmp_path, []))) == 4
     assert begun == made
     assert max(np.cumsum(beside)) == 2
+
+
+ALONE = jobs.Job("graph", Path("test_alone.py"), alone=True)
+GRAPH, UNIT = (jobs.Job(group, Path(f"test_{group}.py")) for group in ("graph", "unit"))
+
+
+def test_pure_code_runs_beside_what_there_is_room_for():
+    """On every core, and takes nobody's place; where so many files at a time were asked for it is one of them."""
+    assert jobs.following([GRAPH, UNIT], [], 1, 2) == GRAPH
+    assert jobs.following([GRAPH, UNIT], [GRAPH], 1, 2) == UNIT
+    assert jobs.following([GRAPH, UNIT], [GRAPH, UNIT, UNIT], 1, 2) is None
+    assert jobs.following([GRAPH, UNIT], [UNIT, UNIT], 1, 2) == GRAPH
+    assert jobs.following([UNIT, GRAPH], [GRAPH, UNIT], 3, 0) == UNIT
+    assert jobs.following([UNIT, GRAPH], [GRAPH, UNIT], 2, 0) is None
+
+
+def test_beside_what_is_alone_only_pure_code_runs(monkeypatch):
+    """On every core but one, and nothing where it would be a file like any other; afterwards whatever is next."""
+    monkeypatch.setattr(jobs.os, "sched_getaffinity", lambda _: {0, 1})
+    assert jobs.following([ALONE, GRAPH, UNIT], [], 3, 2) == ALONE
+    assert jobs.following([GRAPH, UNIT], [ALONE], 3, 2) == UNIT
+    assert jobs.following([GRAPH, UNIT], [ALONE, UNIT], 3, 2) is None
+    assert jobs.following([GRAPH, UNIT], [ALONE], 3, 0) is None
+    assert jobs.following([GRAPH, UNIT], [UNIT], 3, 2) == GRAPH
+
+
+def test_pure_code_gives_way_to_what_runs_beside_it(tmp_path, monkeypatch):
+    """Its priority is lower; that of the other is what it was."""
+    monkeypatch.setattr(jobs.os, "sched_getaffinity", lambda _: {0, 1})
+    pure, alone = job(tmp_path, "test_pure.py", TELLS), job(tmp_path, "test_alone.py", LISTENS)
+    alone = alone._replace(group="graph", alone=True)
+    results = list(jobs.run([alone, pure], jobs.Room(1, 1, 1), 60.0, tmp_path, []))
+    assert [result.output for result in results if not result.ok] == []
+    others, own = (int((tmp_path / name).read_text()) for name in ("pure", "alone"))
+    assert (own, others) == (os.nice(0), min(os.nice(0) + int(jobs.GIVES_WAY[-1]), 19))
+
+
+def test_what_gives_way_leaves_room(monkeypatch):
+    """Cores that compute for nobody else have time to spare."""
+    times = SimpleNamespace(user=30.0, nice=60.0, system=10.0, idle=0.0)
+    monkeypatch.setattr(jobs.psutil, "cpu_times_percent", lambda: times)
+    assert jobs.used_percent() == 40.0
 
 
 def test_a_file_that_hangs_is_ended_and_has_failed(tmp_path):

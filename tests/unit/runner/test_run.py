@@ -90,6 +90,15 @@ def test_a_quick_run_leaves_out_what_is_marked(tmp_path):
     assert (result.ok, [name.rpartition(".")[2] for name in result.tests]) == (True, ["test_0::test_short"])
 
 
+def test_what_is_alone_goes_first_then_what_was_never_run_then_the_longest(tmp_path, monkeypatch):
+    """However short it is: what is pure runs beside it, and nothing waits for it at the end."""
+    monkeypatch.setattr(run, "SECONDS", tmp_path / "seconds.json")
+    names = ("test_faults.py", "test_new.py", "test_long.py", "test_short.py")
+    made = [jobs.Job("graph", tmp_path / name, name in run.ALONE) for name in names]
+    run.SECONDS.write_text('{"test_short.py": 1.0, "test_long.py": 9.0, "test_faults.py": 0.5}')
+    assert run.longest_first(made[::-1]) == made
+
+
 def test_lonely_and_long_files_are_there():
     """No name is left of a file that was renamed, which would then run beside others, or last."""
     known = {*run.GROUPS, *(path.name for path in run.TESTS.rglob("test_*.py"))}
