@@ -696,7 +696,7 @@ def test_the_command_says_it_with_its_exit_status(tmp_path, study, status, said)
     command = [sys.executable, str(ROOT / "compose" / "check_study.py"), "--as", "processes", "--hours", "0.01"]
     done = subprocess.run(
         [*command, "--study", study, "--recordings", str(tmp_path)],
-        capture_output=True, text=True, check=False, env=os.environ | {"ROS_DOMAIN_ID": "3"},
+        capture_output=True, text=True, check=False, env=os.environ | {"ROS_DOMAIN_ID": "3", "GUI_PORT": "0"},
     )  # fmt: skip
     assert done.returncode == status, done.stdout + done.stderr
     assert said in done.stdout + done.stderr
