@@ -487,6 +487,16 @@ def test_one_wave_between_uneven_breaths_leaves_no_rate_sure():
     assert off <= len(rates) / 10, off
 
 
+def test_coughs_among_the_breaths_leave_no_rate_sure():
+    """Twelve breaths a minute and a cough in every fourth expiration: no sure rate is 2 /min too high, and why."""
+    coughs = sum(3 * np.exp(-(((TIMES_S - at_s) / 0.15) ** 2)) for at_s in np.arange(3.5, SECONDS, 20.0))
+    chest = belt(TIMES_S, 12.0) + coughs + np.random.default_rng(3).normal(0, 0.01, len(TIMES_S))
+    updates = play(chest)[60:]
+    sure = [u.breaths_per_min for u in updates if u.signal_quality >= 0.7 and np.isfinite(u.breaths_per_min)]
+    assert max(sure, default=0.0) < 14.0
+    assert any("as abrupt as coughs" in reason for update in updates for reason in update.reasons)
+
+
 @pytest.mark.parametrize("per_min", [12.0, 15.0])
 def test_a_pause_that_goes_on_is_half_of_what_it_will_be(per_min):
     """A minute of even breathing, then none: doubted when two breaths and a half are missing, not three or two."""

@@ -114,6 +114,27 @@ def test_a_baseline_that_swings_is_no_breathing(per_min, swing_uv):
     assert any("baseline of the ECG swings" in reason for update in updates for reason in update.reasons)
 
 
+def moved(seed):
+    """ECG of somebody who breathes 15 times a minute and moves four times, for 2 to 8 s each, by 0.6 mV."""
+    dice, samples = np.random.default_rng(seed), ecg(SECONDS, FS_HZ)
+    times_s = np.arange(len(samples)) / FS_HZ
+    for _ in range(4):
+        inside = np.abs(times_s - dice.uniform(5, SECONDS - 5)) < dice.uniform(1, 4)
+        way = np.cumsum(dice.normal(0, 1, np.count_nonzero(inside)))
+        samples[inside] += 600 * way / np.abs(way).max() + dice.normal(0, 120, len(way))
+    return samples
+
+
+@pytest.mark.parametrize(("seed", "is_told"), [(5, False), (3, True)])
+def test_a_rate_that_hangs_on_beats_unlike_the_others_is_withheld(seed, is_told):
+    """Movements look like beats and make 16.1 of 15 breaths: no such rate, and why; where they add none, the rate."""
+    updates = play(moved(seed))[60:]
+    told = rates(updates)
+    np.testing.assert_allclose(told[np.isfinite(told)], 15.0, atol=1.0)
+    assert not is_told or np.isfinite(told).all()
+    assert is_told or any("look unlike the others" in update.reasons[0] for update in updates)
+
+
 def test_a_baseline_that_breathes_with_the_chest_hides_nothing():
     """0.1 mV of it, 0.1 mV of QRS complexes and sinus arrhythmia, as recordings have them: the rate in each update."""
     samples = ecg(80, 250.0)
@@ -136,7 +157,8 @@ def test_what_changes_from_beat_to_beat_by_chance_is_no_breathing(seed):
     ends_ns = np.cumsum(intervals_s * 1e9).astype(np.int64)
     qrs = dice.normal(1.0, 0.1, 150)  # height and area of one beat go together, whatever the reason
     beats = [
-        Beat(int(t), i, q, q + 0.05 * dice.normal(), 0.0) for t, i, q in zip(ends_ns, intervals_s, qrs, strict=True)
+        Beat(int(t), i, q, q + 0.05 * dice.normal(), 0.0, np.empty(0))
+        for t, i, q in zip(ends_ns, intervals_s, qrs, strict=True)
     ]
     seen = [fusion.fused(beats[k : k + 75], beats[k].time_ns, beats[k + 74].time_ns) for k in range(0, 75)]
     assert np.isfinite([fusion.told_per_min(each) for each in seen]).mean() <= 1 / 50

@@ -25,19 +25,25 @@ FOOT_S = 0.1  # before the R peak: its foot
 OVERLAP_S = 1.0  # of the samples before the next ones: a beat needs room on both sides, and SETTLED_S after it
 SETTLED_S = 0.4  # after so much signal a beat does not change any more
 NEEDS_S = 2.0  # of samples before any beat is certain
+SHAPE_POINTS = 13  # of a QRS complex, that tell how alike two are
+ALIKE = 0.66  # correlation with the median QRS complex, from which a beat is one of these (Orphanidou et al. 2015)
 BRIDGED_S = 0.1  # a shorter loss is drawn through: it hides one beat at most, whose interval is left out
 
 Floats = NDArray[np.float64]
 
 
 class Beat(NamedTuple):
-    """One beat; interval_s: since the one before, NaN after a loss; height and area of its QRS, level before it."""
+    """One beat; interval_s: since the one before, NaN after a loss; height and area of its QRS, level before it.
+
+    shape: of its QRS complex, at SHAPE_POINTS times.
+    """
 
     time_ns: int
     interval_s: float
     height: float
     area: float
     level: float
+    shape: Floats
 
 
 class Beats:
@@ -124,12 +130,31 @@ class Beats:
         feet = ecg[peak - round(FOOT_S * fs_hz) : peak]
         height = float(top - (feet.min() if top >= level else feet.max()))
         area = float(np.abs(ecg[peak - near : peak + near] - level).mean())
-        return Beat(int(self._times_ns[peak]) + round(shift / fs_hz * SECOND_NS), np.nan, height, area, level)
+        at = peak + shift + np.linspace(-NEAR_S, NEAR_S, SHAPE_POINTS) * fs_hz
+        shape = np.interp(at, np.arange(len(ecg)), ecg)
+        return Beat(int(self._times_ns[peak]) + round(shift / fs_hz * SECOND_NS), np.nan, height, area, level, shape)
 
 
 def intervals_s(beats: Sequence[Beat]) -> Floats:
     """Return the intervals that are known, shape (k,)."""
     return np.array([beat.interval_s for beat in beats if np.isfinite(beat.interval_s)])
+
+
+def alike(beats: Sequence[Beat]) -> list[Beat]:
+    """Return the beats whose QRS complex looks like the median one; no interval is known across another."""
+    if not beats:
+        return []
+    shapes = np.array([beat.shape for beat in beats])
+    shapes -= shapes.mean(axis=1, keepdims=True)
+    usual = np.median(shapes, axis=0)
+    likeness = shapes @ usual
+    is_one = likeness >= ALIKE * np.linalg.norm(shapes, axis=1) * np.linalg.norm(usual)
+    follows = np.append(True, is_one[:-1])
+    return [
+        beat if after_one else beat._replace(interval_s=np.nan)
+        for beat, one, after_one in zip(beats, is_one, follows, strict=True)
+        if one
+    ]
 
 
 def longest_pause_s(beats: Sequence[Beat]) -> float:

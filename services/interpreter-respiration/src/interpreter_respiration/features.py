@@ -33,6 +33,7 @@ SMALL = 0.06  # of the usual breath's rise: less is noise, or the heart; of a br
 HIGH = 0.3  # of the usual breath's rise, from which a wave may be one (NeuroKit2, khodadad2018)
 NEAR = 0.25  # share of the usual period by which one of even breathing differs at most
 BOTTOM = 0.1  # of its height: noise in a pause before an inspiration stays below
+NEAR_S = 1.0  # round the end of an inspiration: a cough is over by then
 STEADY = 3.0  # spreads of a sample: a belt that moves less is not worn
 SAME = 1e-9  # share by which means of one value may differ
 AT_RAIL = 0.02  # of the range: so near an end of it a belt is saturated
@@ -283,6 +284,12 @@ def heights(raw: Floats, found: list[Breath]) -> Floats:
     tops = [level[max(0, breath.peak - near) : breath.peak + near + 1].max() for breath in found]
     bottoms = [level[max(0, breath.trough - near) : breath.trough + near + 1].min() for breath in found]
     return np.array(tops) - np.array(bottoms)
+
+
+def steepness(raw: Floats, breath: Breath) -> float:
+    """Return the most that the signal moves from one point to the next within NEAR_S of a breath, in its unit."""
+    near = round(NEAR_S * GRID_HZ)
+    return float(np.abs(np.diff(raw[max(0, breath.peak - near) : breath.peak + near + 1])).max(initial=0.0))
 
 
 def rise(value: float, low_high: tuple[float, float]) -> float:

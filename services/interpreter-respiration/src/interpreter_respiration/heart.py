@@ -11,7 +11,7 @@ from sense4hri.step import Feature
 from sense4hri.stream_info import StreamInfo
 
 from interpreter_respiration import fusion
-from interpreter_respiration.beats import Beat, intervals_s, longest_pause_s, swing
+from interpreter_respiration.beats import Beat, alike, intervals_s, longest_pause_s, swing
 from interpreter_respiration.config import Config
 from interpreter_respiration.features import rise, spread_of
 from interpreter_respiration.lead import Lead
@@ -28,6 +28,7 @@ HIDES = 0.75  # of a breath between two beats, from which one may have come and 
 SWINGS = 0.7  # share of height or area that the baseline moves: up to 0.3 in recordings, 3 where a cable swings
 CONFIRMED = 0.6  # likeness from which intervals, which no baseline moves, confirm QRS complexes
 SILENT_S = 5.0  # of samples without a beat: there is no heart in them
+SAME = 1.0  # 1/min between the rates of all beats and of those that look alike
 FASTEST = 0.45  # breaths per beat that beats can show
 SETTLED_S = 5.0  # after so much signal a breath does not change any more
 APART_S = 0.8  # between two breaths
@@ -94,7 +95,7 @@ class HeartStream:
         seen = fusion.fused(beats, beats[0].time_ns, beats[-1].time_ns)
         quality = self._quality(block, seen, covered, self._leads[chosen].share())
         rate = fusion.told_per_min(seen)
-        problem = self._doubt(seen, rate, beats, quality)
+        problem = self._doubt(seen, rate, beats, quality) or self._unlike(beats, rate)
         if problem:
             return self._nothing(block, quality, _evidence(seen.likeness, seen.rhythm), problem)
         return self._said(block, seen, rate, quality, self._other(shown, chosen))
@@ -153,9 +154,13 @@ class HeartStream:
                 fresh.append(time_ns)
         return fresh
 
+    def _needs_s(self) -> float:
+        """Of intervals between beats, before anything is said."""
+        return min(NEEDS_S, COVERED[1] * self._config.window_s)
+
     def _problem(self, lead: Lead, chained: list[Beat], covered: float, window_s: float) -> str:
         """Why the beats of a lead say nothing; empty where they may."""
-        needs_s = min(NEEDS_S, COVERED[1] * self._config.window_s)
+        needs_s = self._needs_s()
         if window_s >= needs_s and lead.silent_s > SILENT_S:
             return "no heart beats are found" + (f" in the last {lead.silent_s:.0f} s" if lead.beats else "")
         if covered * window_s < needs_s:
@@ -185,6 +190,18 @@ class HeartStream:
         if quality < self._config.min_quality:
             return f"signal_quality below {self._config.min_quality:g}"
         return ""
+
+    def _unlike(self, beats: list[Beat], rate_per_min: float) -> str:
+        """Why beats that look unlike the others leave a rate in doubt; empty where the others tell it too."""
+        others = alike(beats)
+        if len(others) == len(beats):
+            return ""
+        if intervals_s(others).sum() >= self._needs_s() and longest_pause_s(others) <= HIDES * 60 / rate_per_min:
+            without = fusion.told_per_min(fusion.fused(others, others[0].time_ns, others[-1].time_ns))
+            if abs(without - rate_per_min) <= SAME:
+                return ""
+        unlike = f"{len(beats) - len(others)} of {len(beats)} heart beats look unlike the others, moved or ectopic"
+        return f"{unlike}: without them {rate_per_min:.1f} breaths per min are not certain"
 
     def _nothing(self, block: Block, quality: float, evidence: tuple[Feature, ...], problem: str) -> RespirationUpdate:
         nan = np.nan

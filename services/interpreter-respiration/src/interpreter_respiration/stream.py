@@ -33,6 +33,8 @@ SURE = 0.5  # likeness from which the autocorrelation is evidence against the pe
 MISSED = 0.1  # of the breaths: so many smaller waves between them, and the rate may be another one
 MISSED_PER_MIN, REPEATS = 1.5, 0.7  # and at least so many a minute where breathing is so alike one period later
 APNOEA_S = 10.0  # without a breath (AASM manual, Berry et al. 2012)
+ABRUPT = 4.0  # times the steepness of a usual breath: up to 3.7 in recordings of rest, from 6 on in most coughs
+COUGHS_PER_MIN = 1.9  # among the breaths, from which they spoil the rate
 TOO_HIGH = 2.0  # 1/min that the rate is above that of all the window, for pauses that no period holds
 LASTING_QUALITY, LASTING_BREATHS = 0.4, 2.5  # before a rate is sure: drift looks like breathing for a moment
 
@@ -56,7 +58,7 @@ class Seen(NamedTuple):
 class Told(NamedTuple):
     """A breath that was told; begin_ns, end_ns: of its inspiration. broken: no period ends with it.
 
-    rise: of the waves, in the unit of the stream.
+    rise: of the waves, in the unit of the stream; steepness: the most that the signal moves in 0.1 s round it.
     """
 
     time_ns: int
@@ -64,6 +66,7 @@ class Told(NamedTuple):
     end_ns: int
     broken: bool
     rise: float
+    steepness: float
 
 
 class Rate(NamedTuple):
@@ -284,7 +287,8 @@ class RespirationStream:
                 ends = features.inspiration(seen.raw, breath)
                 begin_ns, end_ns = (int(seen.times_ns[0]) + round(at * SECOND_NS / GRID_HZ) for at in ends)
                 rise = float(seen.waves[breath.peak] - seen.waves[breath.trough])
-                self._told.append(Told(time_ns, begin_ns, end_ns, broken, rise))
+                steepness = features.steepness(seen.raw, breath)
+                self._told.append(Told(time_ns, begin_ns, end_ns, broken, rise, steepness))
                 self._told_ns = time_ns
                 fresh.append(time_ns)
         return fresh
@@ -320,7 +324,7 @@ class RespirationStream:
 
     def _doubts(self, seen: Seen, periods_s: Floats, start_ns: int, end_ns: int) -> list[str]:
         """Why the rate may be another one although the belt shows breathing clearly."""
-        doubts = self._missed(seen)
+        doubts = [*self._missed(seen), *self._abrupt((end_ns - start_ns) / SECOND_NS)]
         known_s = periods_s[np.isfinite(periods_s)]
         if len(known_s):
             from_ns = max(start_ns, int(seen.times_ns[0]))
@@ -339,6 +343,19 @@ class RespirationStream:
             if missed >= self._most_missed(seen, told):
                 return [f"{missed} smaller waves between {told} breaths {why} and may be breaths too"]
         return []
+
+    def _abrupt(self, window_s: float) -> list[str]:
+        """Why some of the breaths that were told may be coughs: far more abrupt than usual, and one too many."""
+        if len(self._told) < 3:
+            return []
+        times_s = np.array([told.time_ns / SECOND_NS for told in self._told])
+        steepness = np.array([told.steepness for told in self._told])
+        abrupt = steepness > ABRUPT * np.median(steepness)
+        one_period = times_s[2:] - times_s[:-2] < features.LONG * np.median(np.diff(times_s))
+        coughs = np.count_nonzero(abrupt[1:-1] & one_period)
+        if 60 / window_s * coughs < COUGHS_PER_MIN:
+            return []
+        return [f"{coughs} of {len(times_s)} breaths are as abrupt as coughs, and come too early"]
 
     def _most_missed(self, seen: Seen, told: int) -> float:
         """How many smaller waves between the breaths that were told leave the rate unsure: one where these are uneven.
