@@ -120,6 +120,40 @@ def test_electrode_off_that_glides_off_and_back(shape: str, hole_s: float, drift
     assert len(rates) > 40
 
 
+@pytest.mark.parametrize("fs_hz", [130.0, 250.0])
+@pytest.mark.parametrize("hole_s", [2.0, 3.0, 4.5])
+@pytest.mark.parametrize("recovery_s", [0.0, 0.7])
+def test_electrode_off_that_glides_by_less_or_comes_back_early(fs_hz: float, hole_s: float, recovery_s: float) -> None:
+    """A drift of 0.3 of R, and one that has settled at 3 mV and fades after the hole, are no pause either."""
+    ecg, t_s = trials.ecg_of(trials.resting(100), fs_hz, 100), np.arange(round(100 * fs_hz)) / fs_hz
+    since_s, off = t_s % 25, (t_s > 25) & (t_s % 25 < hole_s)
+    drift = 300 * since_s / hole_s
+    if recovery_s:
+        drift = 3000 * (1 - np.exp(-since_s / recovery_s))
+        ecg = ecg + np.where(t_s > 25, drift[off][-1] * np.exp(-(since_s - hole_s) / recovery_s), 0.0)
+    noise = np.random.default_rng(5).normal(0, 8, len(t_s))
+    rates = confident_rates(play(np.where(off, drift + noise, ecg), fs_hz))
+    assert np.all(np.abs(rates - 78) < 5)
+    assert len(rates) > 40
+
+
+@pytest.mark.parametrize(("every", "t_wave"), [(7, 0.3), (3, 0.15), (2, 0.5)])
+@pytest.mark.parametrize("height", [0.5, 0.7])
+@pytest.mark.parametrize("width_s", [0.04, 0.05])
+def test_low_wide_beats_that_are_passed_over_lower_no_confident_rate(
+    every: int, t_wave: float, height: float, width_s: float
+) -> None:
+    """Ventricular beats too low and too wide for the detector: what moves between T and P wave is no pause."""
+    rhythm = trials.every(trials.resting(90), every)
+    t_s = np.arange(round(90 * FS_HZ)) / FS_HZ
+    sinus = trials.Rhythm(rhythm.beats_s[rhythm.normal], rhythm.normal[rhythm.normal])
+    ecg = trials.ecg_of(sinus, FS_HZ, 90)
+    for beat_s in rhythm.beats_s[~rhythm.normal]:
+        own_t_wave = t_wave * np.exp(-0.5 * ((t_s - beat_s - 0.28) / 0.06) ** 2)
+        ecg += 1000 * height * (np.exp(-0.5 * ((t_s - beat_s) / width_s) ** 2) - own_t_wave)
+    assert bench_ecg_truth.rate_error(play(ecg), rhythm) < 5
+
+
 def test_pause_is_one_though_breathing_moves_the_baseline() -> None:
     """A heart that pauses for 2.3 s, the baseline swinging by 0.3 mV with breath: the pause counts as an interval."""
     rhythm = trials.resting(60)

@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 from sense4hri.stamps import SECOND_NS
 
 from interpreter_ecg.features import (
+    MEAN_S,
     Floats,
     Peak,
     PeakFinder,
+    baseline,
     beat_shape,
     edge,
     likeness_to_spike,
@@ -20,7 +22,6 @@ from interpreter_ecg.features import (
     qrs_wavelet,
     sharp_wavelet,
     slow_wave,
-    strays,
     unrest,
 )
 from interpreter_ecg.jumps import Jumps
@@ -30,6 +31,7 @@ from interpreter_ecg.mains import mains
 DECISION_S = 0.95  # a beat is decided on this long after it, so within 2 s with updates every second
 NEAREST_S = 0.15  # a candidate is the largest energy within this reach
 VALLEY_REACH_S = 0.5
+STRAYS_REACH_S = 5.0  # before a beat; a longer interval is none (stream)
 HUM_REACH_S = 2.0  # before a beat; after it DECISION_S
 SPIKE_WIDTHS, SPIKE = 1.12, 0.95  # a spike is hardly wider than what is sharpest at this rate, and nothing besides
 RESOLVED_HZ, BARE_SPIKE = 100.0, 0.98  # below, so is a narrow QRS complex (up to 0.975 in MIT-BIH), a bare sample not
@@ -40,8 +42,9 @@ PULSE_REACH_S = 0.03  # the complex that a pulse of a pacemaker captures has its
 LIKE_ELSEWHERE = 2.0  # times larger or smaller than beats elsewhere what is at a pulse may be
 P_WAVE_S = 0.28  # so long before a beat its P wave, seen through the wavelet of T waves, may begin
 NEXT_BEAT = 0.4  # of the usual energy, from which a candidate may be the next beat (as just after a beat: levels)
-T_WAVE_END_NS = 500_000_000  # after a beat
-STRAYS = 0.4  # of the height of a beat: most long intervals of MIT-BIH stray by 0.05, 16 of 264 by 0.35, wandering ones
+T_WAVE_END_S = 0.5  # after a beat, of up to 60 /min; of more, with the root of the interval (Bazett 1920, Heart 7:353)
+STRAYS = (0.2, 0.4)  # of the height of a beat: so far no P wave takes the baseline, and in any case no wander
+WANDER, FEWEST_BASELINES = 1.5, 4  # times as far as from beat to beat; so many of these tell how far it wanders
 UPNESS_RATE, FLIPPED = 0.2, 0.3  # the usual polarity changes when the other one is larger by e^0.3 for some beats
 
 
@@ -84,6 +87,7 @@ class Detector:
         self._half = len(self._wavelet) // 2
         self._near = round(NEAREST_S * fs_hz)
         self._hum_reach = round(HUM_REACH_S * fs_hz)
+        self._strays_reach = round(STRAYS_REACH_S * fs_hz)
         self._valley_reach = round(VALLEY_REACH_S * fs_hz)
         self._finder = PeakFinder(fs_hz)
         self._spike = SPIKE if fs_hz >= RESOLVED_HZ else BARE_SPIKE
@@ -106,6 +110,7 @@ class Detector:
         self._pulses: deque[tuple[int, float]] = deque(maxlen=32)  # time and energy of those taken out
         self._jumps_ns: deque[int] = deque(maxlen=32)  # times of those taken out
         self._elsewhere: deque[float] = deque(maxlen=8)  # energies of the last beats at no pulse
+        self._baselines: deque[float] = deque(maxlen=8)  # before the last beats
         self._last_ns = -(2**62)  # the last beat
 
     def push(self, ecg: Floats, times_ns: NDArray[np.int64]) -> list[Beat]:
@@ -256,13 +261,26 @@ class Detector:
         unrest_ = self._unrest(middle, first, around.stop, reach)
         jitter_s, complete, doubtful = self._finder.jitter_s(ecg, peak), levels.complete, levels.doubtful
         jumped = any(self._last_ns < jump_ns < time_ns for jump_ns in self._jumps_ns)
-        jumped |= self._strays(middle, first) > STRAYS * abs(peak.height)
+        jumped |= self._strays(middle, abs(peak.height))
         return Beat(time_ns, peak.height, energy, complete, shape, edge_, valley, doubtful, unrest_, jumped, jitter_s)
 
-    def _strays(self, middle: int, first: int) -> float:
-        """features.strays from `first`, or from the end of the last beat's T wave, to the P wave."""
-        begin = max(first, int(np.searchsorted(self._times_ns, self._last_ns + T_WAVE_END_NS)))
-        return strays(self._ecg[begin : max(middle - round(P_WAVE_S * self._fs_hz), 0)], self._fs_hz)
+    def _strays(self, middle: int, height: float) -> bool:
+        """Whether the baseline goes much further between T and P wave than from beat to beat, or too far.
+
+        A heart that pauses leaves it where it was. An electrode that is off does not, nor does a wide beat passed over.
+        """
+        p_wave = max(middle - round(P_WAVE_S * self._fs_hz), 0)
+        t_wave_end_ns = round(T_WAVE_END_S * min(self._levels.usual_s, 1.0) ** 0.5 * SECOND_NS)
+        t_wave_end = int(np.searchsorted(self._times_ns, self._last_ns + t_wave_end_ns))
+        between = baseline(self._ecg[t_wave_end:p_wave], self._fs_hz)
+        known = len(self._baselines) >= FEWEST_BASELINES
+        wander = max(self._baselines) - min(self._baselines) if known else np.inf
+        self._baselines.append(self._baseline_before(p_wave))
+        most = min(STRAYS[1] * height, max(STRAYS[0] * height, WANDER * wander))
+        return float(np.ptp(between)) > most
+
+    def _baseline_before(self, p_wave: int) -> float:
+        return float(self._ecg[max(p_wave - round(MEAN_S * self._fs_hz), 0) : p_wave + 1].mean())
 
     def _unrest(self, middle: int, first: int, stop: int, reach: int) -> float:
         """Of the samples from `first` or the last beat on, against those to `reach` round a beat and until `stop`."""
@@ -289,7 +307,7 @@ class Detector:
     def _trim(self) -> None:
         """Drop what no later step looks at."""
         first = self._candidates[0].at if self._candidates else self._scanned
-        drop = min(first, self._scanned) - self._near - self._hum_reach
+        drop = min(first, self._scanned) - self._near - self._strays_reach
         if drop > 0:
             self._ecg, self._times_ns, self._energy = self._ecg[drop:], self._times_ns[drop:], self._energy[drop:]
             self._scanned -= drop

@@ -242,14 +242,10 @@ def unrest(between: Floats, beat: Floats, after: Floats) -> float:
     return float((before.sum() / len(before) - AS_AFTER * usual) / (within.sum() / len(within)))
 
 
-def strays(between: Floats, fs_hz: float) -> float:
-    """How far the baseline goes from its lowest to its highest, means over 0.1 s, in the unit of between, shape (n,).
-
-    0 for less than that.
-    """
+def baseline(ecg: Floats, fs_hz: float) -> Floats:
+    """Means over 0.1 s of ecg, shape (n,); a zero where it is shorter than that."""
     width = round(MEAN_S * fs_hz)
-    means = np.convolve(between, np.full(width, 1 / width), "valid") if len(between) >= width else np.zeros(1)
-    return float(np.ptp(means))
+    return np.convolve(ecg, np.full(width, 1 / width), "valid") if len(ecg) >= width else np.zeros(1)
 
 
 def _squared_steps(ecg: Floats) -> Floats:

@@ -124,15 +124,19 @@ class Levels:
         """Samples are missing: the last beat says nothing about the next one."""
         self._last_s = self._seen_s = None
 
+    @property
+    def usual_s(self) -> float:
+        """From beat to beat; before any that of 75 /min."""
+        return _quantile(self._intervals_s or (0.8,))
+
     def accept(self, candidate: Candidate) -> bool:
         """Whether the candidate is a beat."""
         level = self._level(candidate)
         elapsed_s = np.inf if self._last_s is None else candidate.time_s - self._last_s
         if elapsed_s < REFRACTORY_S:
             return False
-        usual_s = _quantile(self._intervals_s) if self._intervals_s else 0.8
-        lost_s = self._lost_s(candidate.time_s, usual_s)
-        now = _Now(elapsed_s, usual_s, lost_s, level * float(np.exp(-lost_s / FORGET_S)))
+        lost_s = self._lost_s(candidate.time_s, self.usual_s)
+        now = _Now(elapsed_s, self.usual_s, lost_s, level * float(np.exp(-lost_s / FORGET_S)))
         usual = self._threshold(level, now.share, 0.5)
         threshold = self._least_energy(candidate, now, usual)
         if self._is_p_wave(candidate) and candidate.energy > threshold:
