@@ -28,9 +28,10 @@ from pathlib import Path
 
 def test_tells(): Path(__file__).with_name("pure").write_text(str(os.nice(0)))
 """
-LISTENS = """
-import os
+LISTENS = f"""
+import os, sys
 from pathlib import Path
+sys.path.insert(0, {str(Path(jobs.__file__).parent)!r})
 from processes import poll
 
 def test_listens():
