@@ -24,9 +24,11 @@ KIND_END_S = 15.0
 NOTHING_COLLECTED = 5
 LOOK_S = 3.0
 SPARE_PERCENT, FULL_PERCENT = 85.0, 98.0
-"""Of all cores, without what gives way: with less in use there is room for one more, with more one too many."""
+"""Of what the cores have beside what gives way: with less in use there is room for one more, with more one too many."""
 GIVES_WAY = ("nice", "-n", "5")
 """Before the command of what gets the time that the others leave, and a third of theirs where they leave none."""
+TAKEN_PERCENT = 25.0
+"""Of all cores, that this takes at most where the others want all of them, and are as many."""
 
 
 class Job(NamedTuple):
@@ -187,9 +189,9 @@ class Room:
 
 
 def used_percent() -> float:
-    """Of all cores since the last call, without what gives way."""
+    """Of what all cores had, since the last call, for those that do not give way."""
     times = psutil.cpu_times_percent()
-    return times.user + times.system
+    return 100 * (times.user + times.system) / (100 - min(times.nice, TAKEN_PERCENT))
 
 
 def following(waiting: Sequence[Job], running: Sequence[Job], room: int, aside: int) -> Job | None:

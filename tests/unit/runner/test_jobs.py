@@ -181,11 +181,14 @@ def test_pure_code_gives_way_to_what_runs_beside_it(tmp_path, monkeypatch):
     assert (own, others) == (os.nice(0), min(os.nice(0) + int(jobs.GIVES_WAY[-1]), 19))
 
 
-def test_what_gives_way_leaves_room(monkeypatch):
-    """Cores that compute for nobody else have time to spare."""
-    times = SimpleNamespace(user=30.0, nice=60.0, system=10.0, idle=0.0)
+@pytest.mark.parametrize(
+    ("user", "nice", "used"), [(38.0, 60.0, 64.0), (65.0, 25.0, 100.0), (78.0, 0.0, 88.0), (71.0, 10.0, 90.0)]
+)
+def test_what_gives_way_leaves_room(monkeypatch, user, nice, used):
+    """Cores that compute for nobody else have time to spare; where the others want all, its quarter is not theirs."""
+    times = SimpleNamespace(user=user, nice=nice, system=10.0, idle=90.0 - user - nice)
     monkeypatch.setattr(jobs.psutil, "cpu_times_percent", lambda: times)
-    assert jobs.used_percent() == 40.0
+    assert jobs.used_percent() == used
 
 
 def test_a_file_that_hangs_is_ended_and_has_failed(tmp_path):
