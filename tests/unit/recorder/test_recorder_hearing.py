@@ -143,12 +143,12 @@ def test_a_round_that_was_kept_waiting_is_rested_for_by_what_it_used_and_answers
 
 
 @pytest.fixture
-def rounds(monkeypatch):
-    """Two rounds of a hearing, to be made by `.work[0]()`; what it then said of itself at their ends."""
+def rounds(monkeypatch, clock):
+    """Two rounds of a hearing, to be made by `.work[0]()`; what it said of itself at their ends; no time passes."""
     monkeypatch.setattr(hearing_module.rcl, "WaitSet", Ready)
-    clock, work, ends = SimpleNamespace(now_s=0.0), [], []
+    work, ends, no_clock = [], [], SimpleNamespace(now_s=0.0)
     node = SimpleNamespace(
-        create_subscription=lambda kind, name, take, profile, **_: Sent(name, 1, clock),
+        create_subscription=lambda kind, name, take, profile, **_: Sent(name, 1, no_clock),
         context=SimpleNamespace(handle=None),
     )
 
@@ -177,13 +177,13 @@ def test_how_far_behind_it_is_is_told_in_the_middle_of_a_round(monkeypatch, roun
     assert rounds.ends == [5.0, 0.0]
 
 
-def test_what_comes_while_a_round_hardly_goes_on_waits_for_it(monkeypatch, rounds):
+def test_what_comes_while_a_round_hardly_goes_on_waits_for_it(monkeypatch, clock, rounds):
     """A thread that hardly gets a core takes one topic for a minute: nothing of it was late, all that follows is."""
-    hearing, told, now = rounds.hearing, [], SimpleNamespace(ns=1)  # when `Sent` was received
-    monkeypatch.setattr(hearing_module.time, "time_ns", lambda: now.ns)
+    hearing, told = rounds.hearing, []
+    monkeypatch.setattr(hearing_module.time, "time_ns", lambda: 1)  # when `Sent` was received
 
     def take(_):
-        now.ns += 60 * hearing_module.SECOND_NS
+        clock.now_s += 60.0
         told.append(hearing.behind_s)
 
     hearing.subscribe(bytes, "/a", take, None, True)

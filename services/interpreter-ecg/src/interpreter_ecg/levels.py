@@ -135,8 +135,9 @@ class Levels:
         elapsed_s = np.inf if self._last_s is None else candidate.time_s - self._last_s
         if elapsed_s < REFRACTORY_S:
             return False
-        lost_s = self._lost_s(candidate.time_s, self.usual_s)
-        now = _Now(elapsed_s, self.usual_s, lost_s, level * float(np.exp(-lost_s / FORGET_S)))
+        usual_s = self.usual_s
+        lost_s = self._lost_s(candidate.time_s, usual_s)
+        now = _Now(elapsed_s, usual_s, lost_s, level * float(np.exp(-lost_s / FORGET_S)))
         usual = self._threshold(level, now.share, 0.5)
         threshold = self._least_energy(candidate, now, usual)
         if self._is_p_wave(candidate) and candidate.energy > threshold:

@@ -72,7 +72,7 @@ class Hearing:
         self._turn = 0
         self._oldest_ns = 0
         self._waited_s = 0.0  # the study's own messages, before they were taken
-        self._taking_since_ns: int | None = None
+        self._taking_since_s: float | None = None  # by no clock that can be set
         self.rounds = 0
         self._pulse = Pulse()
         self._thread = service.thread("hearing", self._hear, self._pulse)
@@ -80,8 +80,8 @@ class Hearing:
     @property
     def behind_s(self) -> float:
         """How long the study's newest messages waited; in a round at least since it began: they wait for the next."""
-        since_ns = self._taking_since_ns
-        return max(self._waited_s, 0.0 if since_ns is None else (time.time_ns() - since_ns) / SECOND_NS)
+        since_s = self._taking_since_s
+        return max(self._waited_s, 0.0 if since_s is None else time.monotonic() - since_s)
 
     def subscribe(
         self, kind: type, name: str, take: Callable[[Taken], None], profile: QoSProfile, first: bool
@@ -159,12 +159,13 @@ class Hearing:
         return [one for one in heard if one.subscription.handle.pointer in pointers]
 
     def _take_all(self, ready: Iterable[_Heard], take: Take) -> None:
-        self._oldest_ns = self._taking_since_ns = now_ns = time.time_ns()
+        self._oldest_ns = now_ns = time.time_ns()
+        self._taking_since_s = time.monotonic()
         for one in ready:
             self._pulse.beat()  # on a machine that is too busy a round may take longer than a hang
             _take(one, take, MOST_AT_ONCE)
             self._waited_s = max(self._waited_s, (now_ns - self._oldest_ns) / SECOND_NS)
-        self._waited_s, self._taking_since_ns = (now_ns - self._oldest_ns) / SECOND_NS, None
+        self._waited_s, self._taking_since_s = (now_ns - self._oldest_ns) / SECOND_NS, None
 
     def _take_some(self, ready: list[_Heard], take: Take) -> None:
         """What is left for the next round stays in the middleware, which counts what it cannot keep."""
